@@ -11,7 +11,6 @@
 //! | 2D scenes, `.gsi`, compressed | [`read_gsi`] | [`gs_codec::Picture::encode`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
-//! | 2D scenes as SVG | – | [`write_svg`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |
 //!
@@ -59,7 +58,7 @@ pub use crate::{
     picture::draw_with_alpha,
     scene2d::{
         File2d, GSI_EXTENSION, GsiFile, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, SCENE_EXTENSION, decode_gsi, encode_2d,
-        flat_scene, is_gsi, read_2d, read_gsi, write_2d, write_ply, write_svg,
+        flat_scene, is_gsi, read_2d, read_gsi, write_2d, write_ply,
     },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,

@@ -30,9 +30,8 @@ pub use crate::{
     },
     error::Error,
     fit::{
-        ColorRange, ColorSolve, DiscAndSquare, Fill, Fit, FitSettings, FitSummary, FitTarget, Init, InitKind,
-        InitialCount, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, Preset, Tune, Viewable, fit, init, mean_color,
-        paper_target, viewable,
+        ColorSolve, DiscAndSquare, Fill, Fit, FitSettings, FitSummary, FitTarget, Init, InitKind, InitialCount,
+        PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, Preset, Tune, Viewable, fit, init, mean_color, paper_target, viewable,
     },
     run::{
         Clamped, Control, CustomPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,

@@ -23,7 +23,6 @@ use serde::Serialize;
 use self::{
     quality::{Quality, QualityArgs},
     reduction::Reduction,
-    scene2d::Form,
 };
 use crate::{
     failure::Failure,
@@ -35,8 +34,8 @@ use crate::{
 const AFTER_HELP: &str = "\
 A .gsi file or a checkpoint of a 2D scene can be written as .gs2d.safetensors, without loss; a \
 transparent .gsi file is placed on white. For viewers, a 2D scene becomes a flat 3D scene (.ply) \
-that splat viewers show as the image, or an SVG of soft ellipses. Viewers blend Gaussians front to back, widen them by 0.3 square pixels, and have no \
-negative colours and no background. So the Gaussians are trained for that first, which takes a \
+that splat viewers show as the image. Viewers blend Gaussians front to back, widen them by 0.3 \
+square pixels, and have no negative colours and no background. So the Gaussians are trained for that first, which takes a \
 second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
 them, with the scene.";
 
@@ -52,7 +51,7 @@ pub(crate) struct ConvertArgs {
     from: PathBuf,
     #[arg(help = format!(
         "The file to write, with the ending of its format: {}; meta.json for a SOG as images in its folder; for a 2D \
-         scene .ply, .svg or .gs2d.safetensors",
+         scene .ply or .gs2d.safetensors",
         Format3d::endings()
     ))]
     to: PathBuf,
@@ -145,9 +144,9 @@ impl Side {
 
 /// Converts a scene.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
-    if Format3d::to_write(&args.to).is_none() && Form::of(&args.to).is_none() {
+    if Format3d::to_write(&args.to).is_none() && !scene::is_scene_2d(&args.to) {
         let failure = Failure::from(Format3d::unknown_ending(&args.to));
-        return Err(failure.hint(format_args!("or, for a 2D scene, .svg or .{SCENE_EXTENSION}")));
+        return Err(failure.hint(format_args!("or, for a 2D scene, .{SCENE_EXTENSION}")));
     }
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
     let SceneFile { path, scene, has_alpha, .. } = scene::read(&args.from, values)?;
@@ -171,7 +170,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         AnyScene::TwoD(file) => return scene2d::run(args, &path, *file, has_alpha),
         AnyScene::ThreeD(file) => *file,
     };
-    if Form::of(&args.to).is_some_and(Form::is_only_2d) {
+    if scene::is_scene_2d(&args.to) {
         let message = "cannot write a 3D scene in this format, which holds only 2D scenes";
         return Err(Failure::usage(message)
             .at(args.to.display())

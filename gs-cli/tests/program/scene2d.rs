@@ -83,22 +83,16 @@ fn a_sum_is_converted_into_a_ply_that_shows_the_image() {
 }
 
 #[test]
-fn a_2d_scene_becomes_an_svg() {
+fn scenes_are_not_written_in_formats_of_the_other_kind() {
     let place = folder();
     let output = fitted(place.path(), "sum");
-    let svg = place.path().join("a.svg");
-    let printed = gs(["convert", text(&output), text(&svg)]).done();
-    assert!(printed.stdout.contains("PSNR") && printed.stdout.contains("48x32 px"), "{printed:?}");
-    let written = fs::read_to_string(&svg).unwrap();
-    assert!(written.starts_with("<svg ") && written.ends_with("</svg>\n"), "{written}");
-    assert_eq!(written.matches("<circle").count(), 150);
     let spz = gs(["convert", text(&output), text(&place.path().join("a.spz"))]);
     assert_eq!(spz.status, Some(2));
-    assert!(spz.stderr.contains("a.spz: cannot write a 2D scene in this format: use .ply, .svg or"), "{spz:?}");
+    assert!(spz.stderr.contains("a.spz: cannot write a 2D scene in this format: use .ply or"), "{spz:?}");
     let (_, scene) = dataset_and_scene(place.path());
-    let refused = gs(["convert", text(&scene), text(&place.path().join("b.svg"))]);
+    let refused = gs(["convert", text(&scene), text(&place.path().join("b.gs2d.safetensors"))]);
     assert_eq!(refused.status, Some(2));
-    assert!(refused.refusal().contains("b.svg: cannot write a 3D scene in this format"), "{refused:?}");
+    assert!(refused.refusal().contains("b.gs2d.safetensors: cannot write a 3D scene in this format"), "{refused:?}");
 }
 
 #[test]

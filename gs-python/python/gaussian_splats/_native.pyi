@@ -167,9 +167,9 @@ class Scene2d:
     def save(self, path: Path, size: tuple[int, int] | None = None) -> None:
         """Write the scene to a file.
 
-        ``.gs2d.safetensors`` keeps it without loss. ``.ply`` (for viewers of 3D splats) and
-        ``.svg`` hold a scene that is trained to look the same there, as ``gs convert`` makes it.
-        :func:`load` reads such a PLY as a :class:`Scene3d`, and does not read SVG.
+        ``.gs2d.safetensors`` keeps it without loss. ``.ply`` (for viewers of 3D splats) holds a
+        scene that is trained to look the same there, as ``gs convert`` makes it. :func:`load` reads
+        such a PLY as a :class:`Scene3d`.
 
         :param size: columns and rows of the image, where the scene does not know them.
         :raises OSError: for a file that cannot be written, or another ending.

@@ -1,15 +1,12 @@
 //! `Scene2d`: the Gaussians of a fitted image.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{path::PathBuf, sync::Arc};
 
 use bytemuck::cast_slice;
 use gs_backend::block_on;
 use gs_core::{Blend, Canvas, Rasterizer as _, RenderSettings, Scene as _};
 use gs_io::{File2d, IccProfile, PngExtras, png_bytes_with};
-use gs_train::{ColorRange, viewable};
+use gs_train::viewable;
 use numpy::{PyArray1, PyArray2};
 use pyo3::{
     prelude::*,
@@ -162,16 +159,13 @@ impl Scene2d {
         let (width, height) = self.size_or(size)?;
         let (scene, profile) = (gs_core::Scene2d::clone(&self.scene), self.profile.clone());
         let file = File2d { scene, width, height, settings: self.render(), profile };
-        let Some(range) = viewers_range(&path) else {
+        if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply")) {
             return errors::computed(py, || gs_io::write_2d(path, &file));
-        };
+        }
         // GPUs do not offer all that is needed.
         let cpu = backend::chosen(py, Some(PyString::new(py, "cpu").as_any()))?;
-        let made = cpu.compute_within(py, |on| block_on(viewable(on, &file, range)))?.file;
-        errors::computed(py, || match range {
-            ColorRange::Unit => gs_io::write_svg(path, &made),
-            ColorRange::NotNegative => gs_io::write_ply(path, &made),
-        })
+        let made = cpu.compute_within(py, |on| block_on(viewable(on, &file)))?.file;
+        errors::computed(py, || gs_io::write_ply(path, &made))
     }
 
     #[doc = doc!("Scene2d._repr_png_")]
@@ -187,15 +181,5 @@ impl Scene2d {
     #[doc = doc!("Scene2d._repr_html_")]
     fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
         notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
-    }
-}
-
-/// The range of colours in a format for viewers; `None` for the format of 2D scenes.
-fn viewers_range(path: &Path) -> Option<ColorRange> {
-    let ending = path.extension()?.to_str()?.to_lowercase();
-    match ending.as_str() {
-        "svg" => Some(ColorRange::Unit),
-        "ply" => Some(ColorRange::NotNegative),
-        _ => None,
     }
 }

@@ -23,6 +23,6 @@ pub use self::{
     summary::FitSummary,
     target::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
     tune::Tune,
-    viewable::{ColorRange, Viewable, viewable},
+    viewable::{Viewable, viewable},
     whole_fit::{Fit, FitTarget, fit},
 };

@@ -46,30 +46,17 @@ const MAX_LOGIT: f32 = 5.0;
 /// Number of background Gaussians along the image's longer side.
 const BACKGROUND_SIDE: u32 = 16;
 
-/// Range of colours that Gaussians may have.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ColorRange {
-    /// 0 and more, for viewers of 3D splats.
-    NotNegative,
-    /// 0 to 1, for SVG.
-    Unit,
-}
-
-impl ColorRange {
-    fn nearest(self, color: Vec3) -> Vec3 {
-        match self {
-            Self::NotNegative => color.max(Vec3::ZERO),
-            Self::Unit => color.clamp(Vec3::ZERO, Vec3::ONE),
-        }
-    }
+/// The nearest colour that viewers can show.
+fn nearest(color: Vec3) -> Vec3 {
+    color.max(Vec3::ZERO)
 }
 
 /// Result of [`viewable`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Viewable {
-    /// The scene: blended front to back, widened by 0.3 px², without background, with colours in
-    /// the range.
+    /// The scene: blended front to back, widened by 0.3 px², without background, with colours of 0 and
+    /// more.
     pub file: File2d,
     /// PSNR against the rendering of the given scene, both in 8 bits, dB; ∞ where they are equal.
     ///
@@ -83,26 +70,25 @@ pub struct Viewable {
 /// # Errors
 /// [`gs_core::Error::State`] for a scene without Gaussians; [`gs_core::Error::Unsupported`] where
 /// the backend has no antialiasing of 2D scenes; those of [`Trainer`].
-pub async fn viewable<R>(on: &R, file: &File2d, range: ColorRange) -> Result<Viewable, Error>
+pub async fn viewable<R>(on: &R, file: &File2d) -> Result<Viewable, Error>
 where
     R: Optimizer<Scene2d> + Optimizer<Scene3d>,
 {
     file.validate()?;
     let canvas = Canvas::new(file.width, file.height);
     let target = file.in_srgb(Rasterizer::<Scene2d>::render(on, &file.scene, &canvas, &file.settings).await?).clamped();
-    let start = start(file, &target, range);
+    let start = start(file, &target);
     if start.means.is_empty() {
         return Err(
             gs_core::Error::State("a scene without Gaussians has nothing to show in a viewer".to_owned()).into()
         );
     }
     let settings = settings(start.means.len() as u32, target.size());
-    let mut trainer =
-        Trainer::from_scene(on, &target, &start, settings).await?.controlled_by(Arc::new(KeepColors(range)));
+    let mut trainer = Trainer::from_scene(on, &target, &start, settings).await?.controlled_by(Arc::new(KeepColors));
     trainer.run(&mut ()).await?;
     let mut scene = trainer.scene().await?;
     examination::repair(&mut scene)?;
-    scene.colors.iter_mut().for_each(|color| *color = range.nearest(*color));
+    scene.colors.iter_mut().for_each(|color| *color = nearest(*color));
     let (width, height) = (file.width, file.height);
     let made = File2d { scene, width, height, settings: trainer.shown(), profile: None };
     let psnr = psnr_of(on, &made, &target).await?;
@@ -125,19 +111,19 @@ fn as_viewers_do() -> RenderSettings {
 }
 
 /// The first Gaussians, the background's last.
-fn start(file: &File2d, target: &Image, range: ColorRange) -> Scene2d {
+fn start(file: &File2d, target: &Image) -> Scene2d {
     let mut gaussians: Vec<Gaussian2d> = file.scene.iter().collect();
     match file.settings.effects.blend {
         Blend::Over => {
             for g in &mut gaussians {
                 g.opacity_logit = g.opacity_logit.clamp(-MAX_LOGIT, MAX_LOGIT);
-                g.color = range.nearest(g.color);
+                g.color = nearest(g.color);
             }
         }
         Blend::Sum => {
             for g in &mut gaussians {
                 g.opacity_logit = logit(OPACITY);
-                g.color = range.nearest(color_at(target, g.mean) + COLOR_SHARE * g.color);
+                g.color = nearest(color_at(target, g.mean) + COLOR_SHARE * g.color);
             }
             // The small ones in front, where the large ones do not hide them. Stable: ties by
             // index.
@@ -146,7 +132,7 @@ fn start(file: &File2d, target: &Image, range: ColorRange) -> Scene2d {
     }
     let behind = Vec3::from(file.settings.background_color());
     if behind != Vec3::ZERO {
-        gaussians.extend(background(target.size(), range.nearest(behind)));
+        gaussians.extend(background(target.size(), nearest(behind)));
     }
     gaussians.into_iter().collect()
 }
@@ -186,12 +172,12 @@ fn settings(gaussians: u32, size: (u32, u32)) -> FitSettings {
 /// Policy that keeps colours in range while a scene is trained, so that it need not be changed
 /// afterwards.
 #[derive(Debug)]
-struct KeepColors(ColorRange);
+struct KeepColors;
 
 impl DensityPolicy for KeepColors {
     fn plan(&self, observation: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<Gaussian2d>, gs_core::Error> {
         let changed = observation.scene.iter().enumerate().filter_map(|(index, g)| {
-            let color = self.0.nearest(g.color);
+            let color = nearest(g.color);
             let gaussian = Gaussian2d { color, ..g };
             (color != g.color).then_some(Change { index: index as u32, gaussian, moments: Moments::Inherit })
         });

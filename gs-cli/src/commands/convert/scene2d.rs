@@ -1,5 +1,5 @@
-//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, an SVG, or a scene
-//! file (from a `.gsi` file or a checkpoint).
+//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, or a scene file (from a
+//! `.gsi` file or a checkpoint).
 
 use std::{fmt::Write, path::Path};
 
@@ -8,8 +8,8 @@ use gs_core::{
     Scene as _, counted,
     examination::{self, Repair},
 };
-use gs_io::{ConversionLoss, File2d, SCENE_EXTENSION, write_2d, write_ply, write_svg};
-use gs_train::{ColorRange, Viewable, viewable};
+use gs_io::{ConversionLoss, File2d, SCENE_EXTENSION, write_2d, write_ply};
+use gs_train::{Viewable, viewable};
 use serde::Serialize;
 
 use super::ConvertArgs;
@@ -36,41 +36,14 @@ struct Conversion {
     psnr: f64,
 }
 
-/// A format of 2D scenes, or of 3D scenes that show one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
-    /// The scene as it is.
-    Scene,
-    Svg,
-    Ply,
-}
-
-impl Form {
-    /// The format that the ending of a file stands for, if there is one.
-    pub(super) fn of(path: &Path) -> Option<Self> {
-        let ends_in = |ending: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));
-        match path {
-            path if is_scene_2d(path) => Some(Self::Scene),
-            _ if ends_in("svg") => Some(Self::Svg),
-            _ if ends_in("ply") => Some(Self::Ply),
-            _ => None,
-        }
-    }
-
-    /// Whether only 2D scenes can be written in this format.
-    pub(super) fn is_only_2d(self) -> bool {
-        self != Self::Ply
-    }
-}
-
 /// Converts a 2D scene that was read from `from`.
 pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: bool) -> Result<(), Failure> {
-    let form = Form::of(&args.to).ok_or_else(|| {
+    let is_copy = is_scene_2d(&args.to);
+    if !is_copy && !args.to.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply")) {
         let failure = Failure::usage("cannot write a 2D scene in this format").at(args.to.display());
-        failure.hint(format_args!(
-            "use .ply, .svg or .{SCENE_EXTENSION}; for other 3D formats, write a .ply and convert it"
-        ))
-    })?;
+        return Err(failure
+            .hint(format_args!("use .ply or .{SCENE_EXTENSION}; for other 3D formats, write a .ply and convert it")));
+    }
     let mut lost: Vec<String> = has_alpha.then(|| "alpha: the picture is on white".to_owned()).into_iter().collect();
     let mut dropped = 0;
     if args.drop_broken {
@@ -78,13 +51,12 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: 
         dropped = removed;
         lost.extend((widened > 0).then(|| ConversionLoss::ZeroScales { gaussians: widened }.to_string()));
     }
-    let (written, psnr) = match form {
-        Form::Scene => {
+    let (written, psnr) = match is_copy {
+        true => {
             write_2d(&args.to, &file)?;
             (file.scene.len(), f64::INFINITY)
         }
-        Form::Svg => trained(args, from, &file, ColorRange::Unit)?,
-        Form::Ply => trained(args, from, &file, ColorRange::NotNegative)?,
+        false => trained(args, from, &file)?,
     };
     let conversion = Conversion {
         read: from.display().to_string(),
@@ -97,20 +69,17 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: 
         lost,
         psnr,
     };
-    output::answer(args.json, &conversion, || text(&conversion, form == Form::Scene))
+    output::answer(args.json, &conversion, || text(&conversion, is_copy))
 }
 
 /// Trains Gaussians that viewers show as the scene, and writes them; returns their number and their
 /// PSNR.
-fn trained(args: &ConvertArgs, from: &Path, file: &File2d, range: ColorRange) -> Result<(usize, f64), Failure> {
+fn trained(args: &ConvertArgs, from: &Path, file: &File2d) -> Result<(usize, f64), Failure> {
     memory::check_picture(from.display(), (file.width, file.height))?;
     // GPUs do not offer all that is needed.
     let cpu = BackendArgs { backend: Wanted::Cpu, ..BackendArgs::default() }.open()?;
-    let Viewable { file: made, psnr, .. } = viewable(&cpu.rasterizer, file, range).block_on()?;
-    match range {
-        ColorRange::Unit => write_svg(&args.to, &made)?,
-        ColorRange::NotNegative => write_ply(&args.to, &made)?,
-    }
+    let Viewable { file: made, psnr, .. } = viewable(&cpu.rasterizer, file).block_on()?;
+    write_ply(&args.to, &made)?;
     Ok((made.scene.len(), psnr))
 }
 

@@ -8,7 +8,7 @@ use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
 use gs_io::{File2d, write_2d, write_ply, write_png};
 use gs_lab::report::{curve::CurvePoint, ellipses};
-use gs_train::{ColorRange, FitSummary, MetricsLog, SettingsFile as _, Trainer, Viewable, viewable};
+use gs_train::{FitSummary, MetricsLog, SettingsFile as _, Trainer, Viewable, viewable};
 use serde::Serialize;
 
 use super::film::Film;
@@ -201,8 +201,7 @@ impl Results<'_> {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.run.folder.leave_out(["scene.ply"]);
         }
-        let Viewable { file, psnr, .. } =
-            on_cpu(self.backend, |cpu| viewable(cpu, file, ColorRange::NotNegative).block_on())??;
+        let Viewable { file, psnr, .. } = on_cpu(self.backend, |cpu| viewable(cpu, file).block_on())??;
         write_ply(self.run.folder.file("scene.ply"), &file)?;
         output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));
         Ok(())
