@@ -91,8 +91,8 @@ pub use self::{
         Residual, Rng, Signal, ViewEvidence,
     },
     policy::{
-        Combine, ErrorAddition, FORCED_GROWTH_PERCENT, FastGs, Grow, GrowthLimit, ImprovedGs, Mcmc, Mrnf, Policy,
-        ResidualGrowth, ScoreWeights, SteepGs, Taming,
+        Combine, ErrorAddition, FORCED_GROWTH_PERCENT, FastGs, Grow, ImprovedGs, Mcmc, Mrnf, Policy, ResidualGrowth,
+        ScoreWeights, SteepGs, Taming,
     },
     round::{
         Actions, Densify, LongAxisSplit, OpacityCorrection, OpacityReset, Prune, Ranking, Round, SizeThreshold,

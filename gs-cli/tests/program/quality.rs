@@ -63,8 +63,8 @@ fn a_missed_budget_is_reported_in_2d_and_3d() {
     let output = place.path().join("out");
     let words = ["fit", text(&image), "-o", text(&output), "--policy", "percentile", "--preset", "quick", "-n", "1000"];
     let run = gs(words.into_iter().chain(["--backend", "cpu", "--no-report"])).done();
-    let expected = "note: the run ends with 130 Gaussians of 1000: policy `percentile` adds at most 10 % of the Gaussians in a round, \
-                    so that 5 rounds can turn the initial 80 into 130";
+    let expected = "note: the run ends with 130 Gaussians of 1000: policy `percentile` turned the initial 80 into 130 in 5 rounds, \
+                    10.2 % more in each";
     assert!(run.stderr.contains(expected), "{}", run.stderr);
     let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
     assert_eq!((&summary["shortfall"]["gaussians"], &summary["shortfall"]["budget"]), (&130.into(), &1000.into()));
@@ -73,11 +73,7 @@ fn a_missed_budget_is_reported_in_2d_and_3d() {
     let output = place.path().join("scene");
     let words = ["train", text(&dataset), "-o", text(&output), "-i", "40", "--preset", "mcmc", "-n", "300"];
     let run = gs(words.into_iter().chain(["--start", text(&start), "--no-report", "--backend", "cpu"])).done();
-    assert!(
-        run.stderr.contains("of 300: policy `mcmc` adds at most 5 % of the Gaussians in a round"),
-        "{}",
-        run.stderr
-    );
+    assert!(run.stderr.contains("of 300: policy `mcmc` turned the initial "), "{}", run.stderr);
 }
 
 #[test]

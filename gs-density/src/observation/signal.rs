@@ -56,14 +56,4 @@ impl Signal {
     pub(crate) fn full_depth(self) -> f32 {
         if self == Self::PixelGradient { FULL_DEPTH } else { 0.0 }
     }
-
-    /// Name in messages.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::MeanGradient => "mean gradient",
-            Self::AbsoluteGradient => "absolute gradient",
-            Self::PixelGradient => "pixel-aware gradient",
-            Self::PixelError => "pixel error",
-        }
-    }
 }

@@ -8,10 +8,7 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{
-    partial,
-    rule::{ByEvidence, GrowthLimit},
-};
+use super::{partial, rule::ByEvidence};
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
     round::{Actions, Densify, Prune, Round, SizeThreshold, WhenFlat, sample},
@@ -184,13 +181,6 @@ impl ByEvidence for FastGs {
 
     fn aims_at_budget(&self) -> bool {
         false
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        let Self { threshold, pixels, .. } = self;
-        let condition =
-            format!("whose absolute gradient is at least {threshold} and that cover {pixels} pixels of high error");
-        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
     }
 
     fn request(&self) -> EvidenceRequest {

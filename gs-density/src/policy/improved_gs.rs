@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     partial,
-    rule::{ByEvidence, GrowthLimit, check_percent},
+    rule::{ByEvidence, check_percent},
 };
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
@@ -110,11 +110,6 @@ impl ByEvidence for ImprovedGs {
             return Err(Error::setting("threshold", self.threshold, "0 or more"));
         }
         check_percent(self.recovery_percent)
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        let condition = format!("that draw edges and whose absolute gradient is at least {}", self.threshold);
-        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
     }
 
     fn request(&self) -> EvidenceRequest {

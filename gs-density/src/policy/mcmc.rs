@@ -9,7 +9,7 @@ use gs_core::{
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::rule::{GrowthLimit, Rule, check_percent};
+use super::rule::{Rule, check_percent};
 use crate::{
     noise::Noise,
     observation::{DensityGaussian, DensityPolicy, DensityScene, Needs, Observation, Rng},
@@ -74,10 +74,6 @@ impl Rule for Mcmc {
         check_percent(self.percent)?;
         check_newcomers(self.newcomers)?;
         self.noise.validate()
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        GrowthLimit { percent: Some(self.percent), ..GrowthLimit::default() }
     }
 
     fn adapt_to_3d(&mut self) {

@@ -24,7 +24,6 @@ pub use self::{
     mcmc::Mcmc,
     mrnf::Mrnf,
     residual::ResidualGrowth,
-    rule::GrowthLimit,
     steep_gs::SteepGs,
     taming::{ScoreWeights, Taming},
 };
@@ -148,11 +147,6 @@ impl Policy {
     /// Whether the policy tries to reach the budget. Under a threshold the budget is only a bound.
     pub fn aims_at_budget(&self) -> bool {
         self.rule().aims_at_budget()
-    }
-
-    /// Which Gaussians the policy lets grow in one round.
-    pub fn growth_limit(&self) -> GrowthLimit {
-        self.rule().growth_limit()
     }
 
     /// The actions of a policy that clones and splits; other policies have none.

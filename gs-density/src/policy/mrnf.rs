@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     partial,
-    rule::{ByEvidence, GrowthLimit, check_percent},
+    rule::{ByEvidence, check_percent},
 };
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
@@ -123,11 +123,6 @@ impl ByEvidence for Mrnf {
             return Err(Error::setting("power", self.power, "0 to 1"));
         }
         check_percent(self.percent)
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        let condition = format!("whose error in some view is at least {} px", self.error);
-        GrowthLimit { percent: Some(self.percent), condition: Some(condition), either: false }
     }
 
     fn request(&self) -> EvidenceRequest {

@@ -9,18 +9,6 @@ use crate::{
     round::{Actions, Round},
 };
 
-/// The bounds of a policy's growth in one round, for messages.
-#[derive(Debug, Clone, PartialEq, Default)]
-#[non_exhaustive]
-pub struct GrowthLimit {
-    /// Largest share of the Gaussians that grows, %; `None` for all.
-    pub percent: Option<f32>,
-    /// Which Gaussians may grow, as "whose … is at least …"; `None` for any.
-    pub condition: Option<String>,
-    /// Whether Gaussians grow that satisfy either bound, instead of both.
-    pub either: bool,
-}
-
 /// Properties of a policy with defaults that fit most policies.
 pub(crate) trait Rule {
     /// Checks the ranges of all settings.
@@ -39,11 +27,6 @@ pub(crate) trait Rule {
     /// Whether the policy tries to reach the budget.
     fn aims_at_budget(&self) -> bool {
         true
-    }
-
-    /// Which Gaussians may grow in one round.
-    fn growth_limit(&self) -> GrowthLimit {
-        GrowthLimit::default()
     }
 
     /// Changes what differs in 3D, besides the actions.
@@ -74,9 +57,6 @@ pub(crate) trait ByEvidence: Listed {
     fn aims_at_budget(&self) -> bool {
         true
     }
-
-    /// Which Gaussians may grow in one round.
-    fn growth_limit(&self) -> GrowthLimit;
 
     /// The evidence of a round that needs any.
     fn request(&self) -> EvidenceRequest;
@@ -121,10 +101,6 @@ impl<P: ByEvidence> Rule for P {
 
     fn aims_at_budget(&self) -> bool {
         ByEvidence::aims_at_budget(self)
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        ByEvidence::growth_limit(self)
     }
 }
 

@@ -10,10 +10,7 @@ use gs_core::{
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    partial,
-    rule::{ByEvidence, GrowthLimit},
-};
+use super::{partial, rule::ByEvidence};
 use crate::{
     eigen,
     observation::{DensityGaussian, DensityScene, Evidence, EvidenceRequest, Observation, Rng},
@@ -120,14 +117,6 @@ impl ByEvidence for SteepGs {
 
     fn aims_at_budget(&self) -> bool {
         false
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        let Self { threshold, eigenvalue, .. } = self;
-        let condition = format!(
-            "whose mean gradient is at least {threshold} and whose splitting matrix has an eigenvalue below -{eigenvalue}"
-        );
-        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
     }
 
     fn request(&self) -> EvidenceRequest {

@@ -3,10 +3,7 @@
 use gs_core::{EditPlan, Error, constants::TAU_POSITION, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    partial,
-    rule::{ByEvidence, GrowthLimit},
-};
+use super::{partial, rule::ByEvidence};
 use crate::{
     observation::{DensityGaussian, DensityScene, Evidence, EvidenceRequest, Observation, Rng, ViewEvidence},
     round::{Actions, Round, WhenFlat, add_normalised, sample, scheduled_count},
@@ -140,11 +137,6 @@ impl ByEvidence for Taming {
             }
         }
         Ok(())
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        let condition = format!("whose mean gradient is at least {}", self.threshold);
-        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
     }
 
     fn request(&self) -> EvidenceRequest {

@@ -58,8 +58,8 @@ fn a_missed_budget_is_reported_with_the_reason() {
     assert_eq!(slow.gaussians, 25, "{slow}");
     assert_eq!(
         slow.to_string(),
-        "the run ends with 25 Gaussians of 60: policy `mcmc` adds at most 5 % of the Gaussians in a round, so that 3 rounds can \
-         turn the initial 20 into 25; the budget takes 18 rounds (more steps), or 52 initial Gaussians"
+        "the run ends with 25 Gaussians of 60: policy `mcmc` turned the initial 20 into 25 in 3 rounds, 7.7 % more in each; at \
+         this rate the budget takes 13 rounds (more steps), or 48 initial Gaussians"
     );
     assert_eq!(shortfall("none", 42).unwrap().reason, "policy `none` adds no Gaussians");
     assert_eq!(shortfall("absolute", 5).unwrap().reason, "the run was too short for a round of density control");

@@ -9,7 +9,7 @@ use crate::{
     policy::{
         Named, Policy,
         partial::{ActionsForm, Over as _},
-        rule::{GrowthLimit, Rule, check_percent},
+        rule::{Rule, check_percent},
     },
     round::{Actions, Densify, SplitPlacement, WhenFlat},
 };
@@ -127,15 +127,6 @@ impl Rule for Grow {
 
     fn aims_at_budget(&self) -> bool {
         kind(self) == "hybrid"
-    }
-
-    fn growth_limit(&self) -> GrowthLimit {
-        let condition = || format!("whose {} is at least {}", self.signal.name(), self.threshold);
-        GrowthLimit {
-            percent: (self.percent < 100.0 || self.threshold == 0.0).then_some(self.percent),
-            condition: (self.threshold > 0.0).then(condition),
-            either: self.combine == Combine::Either,
-        }
     }
 }
 
