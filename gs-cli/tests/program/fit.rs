@@ -262,8 +262,8 @@ fn every_override_fits() {
         &["--policy", "none"],
         &["--init", "random", "--blend", "over", "--background", "0,0,0"],
         &["--init", "periphery", "--parameterization", "scale-rotation"],
-        &["--init", "grid", "--loss", "l1-dssim"],
-        &["--init", "error", "--preset", "best"],
+        &["--init", "random", "--loss", "l1-dssim"],
+        &["--init", "periphery", "--preset", "best"],
         &["--simd", "baseline", "--preset", "quick"],
         &["--iterations", "0"],
     ];

@@ -147,9 +147,9 @@ mod tests {
 
     #[test]
     fn another_kind_starts_from_its_own_defaults() {
-        let settings = with("policy = { kind = 'percentile' }\ninit.kind = 'grid'").unwrap();
+        let settings = with("policy = { kind = 'percentile' }\ninit.kind = 'gradient'").unwrap();
         assert_eq!(settings.policy, Policy::from_name("percentile").unwrap());
-        assert!(matches!(settings.init, gs_train::Init::Grid(_)));
+        assert!(matches!(settings.init, gs_train::Init::Gradient(_)));
     }
 
     #[test]

@@ -215,7 +215,7 @@ mod tests {
     use crate::{
         fit::{
             FitSettings, InitialCount, Preset,
-            init::{Grid, Guided, Init, Periphery, Random},
+            init::{Guided, Init, Periphery, Random},
         },
         run::recovery::Recovery,
         train::TrainPreset,
@@ -278,13 +278,8 @@ mod tests {
 
     #[test]
     fn each_key_of_a_fits_settings_is_known_and_no_other() {
-        let inits = [
-            Init::Random(Random::default()),
-            Init::Periphery(Periphery::default()),
-            Init::Grid(Grid::default()),
-            Init::Gradient(Guided::default()),
-            Init::Error(Guided::default()),
-        ];
+        let inits =
+            [Init::Random(Random::default()), Init::Periphery(Periphery::default()), Init::Gradient(Guided::default())];
         let initials = [InitialCount::Fixed(3), InitialCount::Fraction(0.5)];
         let schedules = [Schedule::Constant, Schedule::Cosine { to: 0.5 }, Schedule::Exponential { to: 0.25 }];
         for (index, policy) in policies().into_iter().enumerate() {
@@ -318,8 +313,8 @@ mod tests {
         assert_eq!(message, "settings.toml:3: unknown key `to` in [render.accuracy]");
         let message = parse::<FitSettings>("[adam.mean]\nlearning-rate = 1\n[policy]\nkind = 'none'\npercent = 5");
         assert_eq!(message.unwrap_err(), "settings.toml:5: unknown key `percent` in [policy]");
-        let message = parse::<FitSettings>("init.kind = 'gird'").unwrap_err();
-        assert_eq!(message, "settings.toml:1: unknown name `gird` in [init]: did you mean `grid`?");
+        let message = parse::<FitSettings>("init.kind = 'radnom'").unwrap_err();
+        assert_eq!(message, "settings.toml:1: unknown name `radnom` in [init]: did you mean `random`?");
         let message = parse::<FitSettings>("seed = 3\niterations = 'many'").unwrap_err();
         assert!(message.starts_with("settings.toml:2: invalid type"), "{message}");
         assert!(parse::<FitSettings>("seed = = 3").unwrap_err().starts_with("settings.toml:1: "));

@@ -1,14 +1,12 @@
-//! Initialisers that place Gaussians where the target needs them.
+//! The initialiser that places Gaussians where the target needs them.
 
-use glam::Vec3;
 use gs_core::{Blend, Error, Gaussian2d, Image};
 use gs_density::{
     Rng,
-    seed::{Plane, Seeding, gradient_magnitude, mean_color},
+    seed::{Seeding, gradient_magnitude, mean_color},
 };
 use serde::{Deserialize, Serialize};
 
-use crate::fit::flat;
 use crate::fit::init::{INITIAL_OPACITY, opacity_logit, positive, shared_color};
 
 gs_core::impl_with!(Guided);
@@ -19,7 +17,7 @@ const MIN_SIGMA_PX: f32 = 0.7;
 /// Largest σ of a first Gaussian, as a share of the image's longer side.
 const MAX_SIGMA_SHARE: f32 = 0.25;
 
-/// Placement by a density: in strata along a Hilbert curve, spread by Lloyd steps, sized by the
+/// Placement by the magnitude of luminance's gradient: in strata along a Hilbert curve, spread by Lloyd steps, sized by the
 /// density, stretched along edges, with the target's colours.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
@@ -75,31 +73,8 @@ impl Guided {
         Ok(())
     }
 
-    /// Density by the magnitude of luminance's gradient.
-    pub(super) fn by_gradient(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
-        self.gaussians(target, gradient_magnitude(target), count, blend, rng)
-    }
-
-    /// Density by the squared difference from the mean colour.
-    pub(super) fn by_error(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
-        let (width, height) = target.size();
-        let mean = Vec3::from_array(flat::mean_color(target));
-        let weights = Plane::from_rows(width, height, |y, row| {
-            for (out, &pixel) in row.iter_mut().zip(&target.pixels()[y * width as usize..]) {
-                *out = (Vec3::from_array(pixel) - mean).length_squared();
-            }
-        });
-        self.gaussians(target, weights, count, blend, rng)
-    }
-
-    fn gaussians(
-        &self,
-        target: &Image,
-        mut weights: Plane,
-        count: usize,
-        blend: Blend,
-        rng: &mut Rng,
-    ) -> Vec<Gaussian2d> {
+    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
+        let mut weights = gradient_magnitude(target);
         let (width, height) = target.size();
         weights.smooth(self.smoothing_passes);
         weights.mix_uniform(self.uniform_fraction);

@@ -9,7 +9,7 @@ use gs_density::Rng;
 use serde::{Deserialize, Serialize};
 
 pub use guided::Guided;
-pub use scattered::{Colors, Grid, Periphery, Random};
+pub use scattered::{Colors, Periphery, Random};
 
 /// Opacity of the first Gaussians under [`Blend::Over`]: high enough that each counts, low enough
 /// that the logit's gradient o (1 − o) is near its largest and Gaussians behind are visible. The
@@ -26,12 +26,8 @@ pub enum Init {
     Random(Random),
     /// Small Gaussians along the border of the image: the paper's cold start (Fig. 9).
     Periphery(Periphery),
-    /// Gaussians on a regular grid.
-    Grid(Grid),
     /// Density by the magnitude of the gradient of luminance.
     Gradient(Guided),
-    /// Density by the squared difference from the image's mean colour.
-    Error(Guided),
 }
 
 gs_core::choices! {
@@ -41,12 +37,8 @@ gs_core::choices! {
         Random = "random": "Anywhere, large",
         /// [`Init::Periphery`].
         Periphery = "periphery": "Along the border of the image",
-        /// [`Init::Grid`].
-        Grid = "grid": "On a grid",
         /// [`Init::Gradient`].
         Gradient = "gradient": "At the edges of the image",
-        /// [`Init::Error`].
-        Error = "error": "Where a coarse rendering of the image is most wrong",
     }
 }
 
@@ -67,9 +59,7 @@ impl Init {
         match kind {
             InitKind::Random => Self::Random(Random { colors, ..Random::default() }),
             InitKind::Periphery => Self::Periphery(Periphery { colors, ..Periphery::default() }),
-            InitKind::Grid => Self::Grid(Grid::default()),
             InitKind::Gradient => Self::Gradient(Guided::default()),
-            InitKind::Error => Self::Error(Guided::default()),
         }
     }
 
@@ -78,15 +68,13 @@ impl Init {
     ///
     /// Under [`Blend::Sum`] the scene has no opacities, and colours from the target are divided by
     /// how many times the Gaussians cover the plane, so that their sum is near the target. Under
-    /// [`Blend::Over`] colours are the target's; where sizes differ ([`Init::Gradient`],
-    /// [`Init::Error`]), the smallest Gaussians are in front.
+    /// [`Blend::Over`] colours are the target's; where sizes differ ([`Init::Gradient`]), the smallest
+    /// Gaussians are in front.
     pub fn scene(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Scene2d {
         let mut gaussians = match self {
             Self::Random(random) => random.gaussians(target, count, blend, rng),
             Self::Periphery(periphery) => periphery.gaussians(target, count, blend, rng),
-            Self::Grid(grid) => grid.gaussians(target, count, blend),
-            Self::Gradient(guided) => guided.by_gradient(target, count, blend, rng),
-            Self::Error(guided) => guided.by_error(target, count, blend, rng),
+            Self::Gradient(guided) => guided.gaussians(target, count, blend, rng),
         };
         if blend == Blend::Over {
             gaussians.sort_by(|a, b| a.log_scale.element_sum().total_cmp(&b.log_scale.element_sum()));
@@ -108,11 +96,7 @@ impl Init {
                 positive("the initial scale", periphery.scale_px)?;
                 periphery.opacity
             }
-            Self::Grid(grid) => {
-                positive("the initial sigma-factor", grid.sigma_factor)?;
-                grid.opacity
-            }
-            Self::Gradient(guided) | Self::Error(guided) => {
+            Self::Gradient(guided) => {
                 guided.validate()?;
                 guided.opacity
             }

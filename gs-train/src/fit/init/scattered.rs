@@ -1,4 +1,4 @@
-//! Initialisers that use at most the target's colours: at random, along the border, on a grid.
+//! Initialisers that use at most the target's colours: at random, or along the border.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Gaussian2d, Image};
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fit::init::{INITIAL_OPACITY, opacity_logit, round, shared_color};
 
-gs_core::impl_with!(Random, Periphery, Grid);
+gs_core::impl_with!(Random, Periphery);
 
 /// Colours of the first Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -62,24 +62,6 @@ impl Default for Periphery {
     }
 }
 
-/// Round Gaussians of one size in rows of equal height, each with as many as its neighbours or one
-/// more; colours from the target.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
-#[non_exhaustive]
-pub struct Grid {
-    /// σ in units of the distance between Gaussians; positive.
-    pub sigma_factor: f32,
-    /// Opacity, above 0 and below 1.
-    pub opacity: f32,
-}
-
-impl Default for Grid {
-    fn default() -> Self {
-        Self { sigma_factor: 0.5, opacity: INITIAL_OPACITY }
-    }
-}
-
 impl Random {
     pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
         let size = Vec2::new(target.width() as f32, target.height() as f32);
@@ -118,32 +100,6 @@ impl Periphery {
                 let mean = on_border((i as f32 + jitter) / count as f32 * perimeter) + 0.5;
                 let color = self.colors.at(target, mean, self.scale_px, rng);
                 round(mean, self.scale_px, logit, shared_color(color, blend, self.scale_px, per_px2))
-            })
-            .collect()
-    }
-}
-
-impl Grid {
-    pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend) -> Vec<Gaussian2d> {
-        if count == 0 {
-            return Vec::new();
-        }
-        let size = Vec2::new(target.width() as f32, target.height() as f32);
-        let per_px2 = count as f32 / size.element_product();
-        let sigma = self.sigma_factor / per_px2.sqrt();
-        let logit = opacity_logit(blend, self.opacity);
-        let rows = ((count as f32 * size.y / size.x).sqrt().round() as usize).clamp(1, count);
-        let row_start = |row: usize| row * count / rows;
-        (0..rows)
-            .flat_map(|row| {
-                let columns = row_start(row + 1) - row_start(row);
-                (0..columns).map(move |column| {
-                    Vec2::new((column as f32 + 0.5) / columns as f32, (row as f32 + 0.5) / rows as f32)
-                })
-            })
-            .map(|unit| {
-                let mean = unit * size;
-                round(mean, sigma, logit, shared_color(mean_color(target, mean, sigma), blend, sigma, per_px2))
             })
             .collect()
     }

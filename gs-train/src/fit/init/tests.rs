@@ -7,14 +7,8 @@ use rand::SeedableRng;
 
 use super::*;
 
-fn all() -> [Init; 5] {
-    [
-        Init::Random(Random::default()),
-        Init::Periphery(Periphery::default()),
-        Init::Grid(Grid::default()),
-        Init::Gradient(Guided::default()),
-        Init::Error(Guided::default()),
-    ]
+fn all() -> [Init; 3] {
+    [Init::Random(Random::default()), Init::Periphery(Periphery::default()), Init::Gradient(Guided::default())]
 }
 
 fn rng() -> Rng {
@@ -51,7 +45,7 @@ fn equal_random_numbers_give_equal_scenes() {
     for init in all() {
         let scene = |seed| init.scene(&band(), 50, Blend::Sum, &mut Rng::seed_from_u64(seed));
         assert_eq!(scene(3), scene(3), "{init:?}");
-        assert_eq!(scene(3) == scene(4), matches!(init, Init::Grid(_)), "{init:?}");
+        assert_ne!(scene(3), scene(4), "{init:?}");
     }
 }
 
@@ -68,7 +62,7 @@ fn the_papers_start_is_large_and_its_cold_start_keeps_to_the_border() {
 }
 
 #[test]
-fn guided_starts_follow_the_image() {
+fn a_guided_start_follows_the_image() {
     let near_edges = |m: &&Vec2| (m.x - 40.0).abs() < 5.0 || (m.x - 56.0).abs() < 5.0;
     let by_gradient = Init::default().scene(&band(), 100, Blend::Sum, &mut rng());
     let at_edges = by_gradient.means.iter().filter(near_edges).count();
@@ -76,24 +70,16 @@ fn guided_starts_follow_the_image() {
     let upright = by_gradient.iter().filter(|g| (g.log_scale.x - g.log_scale.y).exp() > 2.0);
     let upright: Vec<f32> = upright.map(|g| g.rotation.abs()).collect();
     assert!(upright.len() >= 70 && upright.iter().all(|a| (a - std::f32::consts::FRAC_PI_2).abs() < 0.1));
-
-    let by_error = Init::Error(Guided::default()).scene(&band(), 100, Blend::Sum, &mut rng());
-    let within = by_error.means.iter().filter(|m| m.x > 39.0 && m.x < 57.0).count();
-    assert!(within >= 60, "{within} of 100 within the band");
 }
 
 #[test]
 fn a_summed_start_is_near_a_flat_target() {
     let target = Image::filled(60, 60, [0.4, 0.6, 0.8]).unwrap();
-    for init in [Init::Grid(Grid::default()), Init::default()] {
-        let scene = init.scene(&target, 100, Blend::Sum, &mut rng());
-        let at = Vec2::splat(30.0);
-        let sum: Vec3 = scene
-            .iter()
-            .map(|g| g.color * (-0.5 * (g.factor().inverse() * (at - g.mean)).length_squared()).exp())
-            .sum();
-        assert!((sum - Vec3::new(0.4, 0.6, 0.8)).abs().max_element() < 0.2, "{init:?}: {sum}");
-    }
+    let scene = Init::default().scene(&target, 100, Blend::Sum, &mut rng());
+    let at = Vec2::splat(30.0);
+    let sum: Vec3 =
+        scene.iter().map(|g| g.color * (-0.5 * (g.factor().inverse() * (at - g.mean)).length_squared()).exp()).sum();
+    assert!((sum - Vec3::new(0.4, 0.6, 0.8)).abs().max_element() < 0.2, "{sum}");
 }
 
 #[test]
@@ -119,9 +105,9 @@ fn impossible_settings_are_refused() {
     for bad in [
         Init::Random(Random { scale_px: 0.0, ..Random::default() }),
         Init::Periphery(Periphery { opacity: 1.0, ..Periphery::default() }),
-        Init::Grid(Grid { sigma_factor: f32::NAN, ..Grid::default() }),
+        Init::Gradient(Guided { sigma_factor: f32::NAN, ..Guided::default() }),
         Init::Gradient(Guided { uniform_fraction: 1.5, ..Guided::default() }),
-        Init::Error(Guided { max_aspect: 0.5, ..Guided::default() }),
+        Init::Gradient(Guided { max_aspect: 0.5, ..Guided::default() }),
     ] {
         assert!(matches!(bad.validate(), Err(Error::Setting { .. })), "{bad:?}");
     }
