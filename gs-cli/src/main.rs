@@ -71,6 +71,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Command::Serve(args) => commands::serve::run(&args),
         Command::Eval(args) => commands::eval::run(&args),
         Command::Convert(args) => commands::convert::run(&args),
+        Command::Edit(args) => commands::edit::run(&args),
         Command::Info(args) => commands::info::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args),
         Command::Profile(args) => commands::price::profile::run(&args),

@@ -12,6 +12,7 @@
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
+//! | operations on 3D scenes: moving, cropping, filtering, joining | [`Edit`] | – |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |
 //!
 //! [`write_atomically`] makes a file appear complete or not at all; [`write_durably`], used for
@@ -27,6 +28,8 @@ mod atomic;
 mod checkpoint;
 mod container;
 pub mod dataset;
+#[cfg(feature = "write")]
+mod edit;
 mod error;
 #[doc(hidden)]
 pub mod fuzzing;
@@ -41,6 +44,9 @@ mod text;
 mod world_frame;
 
 pub use gs_codec::Extent;
+
+#[cfg(feature = "write")]
+pub use crate::edit::{Edit, EditError, Filter};
 
 pub use crate::{
     animation::{Animation, write_animation},
@@ -62,7 +68,8 @@ pub use crate::{
     },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
-        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d, write_3d,
+        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d, transform_scene,
+        write_3d,
     },
     text::utf8_text,
     world_frame::WorldFrame,

@@ -14,6 +14,7 @@ use crate::{
     commands::{
         convert::ConvertArgs,
         doctor::DoctorArgs,
+        edit::EditArgs,
         encode::EncodeArgs,
         eval::EvalArgs,
         fit::FitArgs,
@@ -64,6 +65,8 @@ Examples:
       measure PSNR, SSIM and L1 over the test views
   gs convert out scene.spz
       convert a 3D scene to another format, and show what is lost
+  gs edit out room.ply up=ground crop=sphere:0,0,0,4
+      turn a scene so that its ground is level, and remove what is far away
   gs doctor scene.ply --fix -o fixed.ply
       find and repair broken Gaussians
   gs info --adapters
@@ -110,6 +113,8 @@ pub(crate) enum Command {
     Eval(Box<EvalArgs>),
     /// Convert a 3D scene to PLY, .splat, SPZ, SOG or glTF, or a 2D scene to a flat PLY or an SVG
     Convert(Box<ConvertArgs>),
+    /// Move, turn, scale, crop, filter or join 3D scenes
+    Edit(EditArgs),
     /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
     Info(InfoArgs),
     /// Find broken Gaussians in a scene, and repair them
@@ -229,7 +234,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("3D scenes", &["poses", "train"]),
     ("Looking at scenes", &["render", "view", "page", "serve"]),
     ("Quality", &["eval"]),
-    ("Files", &["convert", "info", "doctor"]),
+    ("Files", &["convert", "edit", "info", "doctor"]),
     ("Cost", &["profile", "effects", "frontier", "popping"]),
     ("Studies", &["study", "paper"]),
 ];

@@ -2,6 +2,7 @@
 
 pub(crate) mod convert;
 pub(crate) mod doctor;
+pub(crate) mod edit;
 pub(crate) mod encode;
 pub(crate) mod eval;
 pub(crate) mod fit;

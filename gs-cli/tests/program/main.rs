@@ -7,6 +7,7 @@ mod compressed;
 mod convert;
 mod datasets;
 mod doctor;
+mod edit;
 mod fit;
 mod memory;
 mod output_folder;

@@ -69,6 +69,33 @@ impl Scene3d {
     pub fn sh_len(&self) -> usize {
         coefficients(self.sh_degree)
     }
+
+    /// Returns the scene with another SH degree, 0 to 3: coefficients beyond it are dropped, missing ones are 0.
+    #[must_use]
+    pub fn with_degree(self, sh_degree: u8) -> Self {
+        let (before, after) = (self.sh_len(), coefficients(sh_degree));
+        let shared = before.min(after);
+        let mut sh = vec![Vec3::ZERO; self.len() * after];
+        sh.chunks_exact_mut(after).zip(self.sh.chunks_exact(before)).for_each(|(to, from)| {
+            to[..shared].copy_from_slice(&from[..shared]);
+        });
+        Self { sh_degree, sh, ..self }
+    }
+
+    /// Appends the Gaussians of another scene. Both get the higher of their SH degrees.
+    pub fn append(&mut self, other: Self) {
+        let degree = self.sh_degree.max(other.sh_degree);
+        if self.sh_degree != degree {
+            *self = std::mem::take(self).with_degree(degree);
+        }
+        let other = if other.sh_degree == degree { other } else { other.with_degree(degree) };
+        let Self { means, log_scales, rotations, opacity_logits, sh_degree: _, sh } = other;
+        self.means.extend(means);
+        self.log_scales.extend(log_scales);
+        self.rotations.extend(rotations);
+        self.opacity_logits.extend(opacity_logits);
+        self.sh.extend(sh);
+    }
 }
 
 /// The scene has the highest degree of its Gaussians; missing coefficients are 0.
@@ -162,6 +189,23 @@ mod tests {
         assert_eq!(scene.gaussian(0), gaussian(1).with_degree(2));
         assert_eq!(scene.gaussian(1), gaussian(9));
         assert_eq!(std::iter::empty::<Gaussian3d>().collect::<Scene3d>(), Scene3d::default());
+    }
+
+    #[test]
+    fn scenes_of_different_degrees_are_put_together() {
+        for [first, second] in [[0, 1], [1, 0], [2, 2]] {
+            let scene = |degree: u8| -> Scene3d {
+                let sh = (0..coefficients(degree)).map(|k| Vec3::splat(1.0 + k as f32)).collect();
+                [Gaussian3d { sh, ..of_degree_0() }].into_iter().collect()
+            };
+            let mut both = scene(first);
+            both.append(scene(second));
+            both.validate().unwrap();
+            assert_eq!((both.len(), both.sh_degree), (2, first.max(second)));
+            for (index, degree) in [first, second].into_iter().enumerate() {
+                assert_eq!(both.gaussian(index), scene(degree).gaussian(0).with_degree(both.sh_degree));
+            }
+        }
     }
 
     #[test]

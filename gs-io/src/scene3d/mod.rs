@@ -38,7 +38,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 
 pub use self::{
@@ -108,6 +108,12 @@ pub fn move_scene(scene: &mut Scene3d, from: &WorldFrame, to: &WorldFrame) {
     if from != to {
         transform(scene, &from.to(to));
     }
+}
+
+/// Takes a scene by an affine map p′ = A p + t; colours turn with it. Returns what is lost where A is not a
+/// similarity: a rotation, possibly a reflection, times a scale.
+pub fn transform_scene(scene: &mut Scene3d, map: &DAffine3) -> Option<ConversionLoss> {
+    transform(scene, map)
 }
 
 /// The format of a scene file by its content; `None` for another kind of file.

@@ -238,6 +238,15 @@ class Scene3d:
 
         :raises OSError: for a file that cannot be written, or another ending.
         """
+    def edited(self, *operations: str) -> Scene3d:
+        """A copy after operations, done from first to last, each written as for ``gs edit``.
+
+        ``scene.edited("up=ground", "crop=sphere:0,0,0,4", "drop=opacity<0.02")`` levels the ground
+        and removes what is far away or nearly transparent. ``gs edit --help`` lists the operations.
+
+        :raises ValueError: for an operation that is unknown or cannot be done.
+        :raises OSError: for a file to add that cannot be read.
+        """
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""
     def _repr_html_(self) -> str:

@@ -33,6 +33,16 @@ impl IntoPython for gs_io::Error {
     }
 }
 
+/// An operation on a scene, and why it cannot be done.
+impl IntoPython for (&str, gs_io::EditError) {
+    fn into_python(self) -> PyErr {
+        match self {
+            (_, gs_io::EditError::Read(error)) => error.into_python(),
+            (operation, error) => value(operation, error),
+        }
+    }
+}
+
 impl IntoPython for gs_codec::Error {
     fn into_python(self) -> PyErr {
         PyValueError::new_err(format!("data: {}", text(&self)))

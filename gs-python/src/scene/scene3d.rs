@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::Arc};
 use bytemuck::cast_slice;
 use gs_backend::block_on;
 use gs_core::{Rasterizer as _, RenderSettings, Scene as _, math::sh};
-use gs_io::{AnyScene, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
+use gs_io::{AnyScene, Edit, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{
     IntoPyObjectExt,
@@ -168,6 +168,20 @@ impl Scene3d {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let options = WriteOptions3d::default().with(|options| options.trained_with = self.trained_with);
         errors::computed(py, || gs_io::write_3d(path, &self.scene, &options).map(drop))
+    }
+
+    #[doc = doc!("Scene3d.edited")]
+    #[pyo3(signature = (*operations))]
+    fn edited(&self, py: Python<'_>, operations: Vec<String>) -> PyResult<Self> {
+        let parse = |text: &String| text.parse::<Edit>().map_err(|error| errors::value(text, error));
+        let edits = operations.iter().map(parse).collect::<PyResult<Vec<_>>>()?;
+        let (mut scene, mut trained_with) = ((*self.scene).clone(), self.trained_with);
+        errors::computed(py, || {
+            edits.iter().zip(&operations).try_for_each(|(edit, text)| {
+                edit.apply(&mut scene, &mut trained_with.frame).map(drop).map_err(|error| (text.as_str(), error))
+            })
+        })?;
+        Ok(Self { scene: Arc::new(scene), trained_with, settings: self.settings })
     }
 
     #[doc = doc!("Scene3d._repr_png_")]

@@ -1,0 +1,107 @@
+//! `gs edit`.
+
+use std::{fs, path::Path};
+
+use glam::{Mat3, Quat, Vec3};
+use gs_core::Scene as _;
+use gs_io::{WorldFrame, read_3d, write_3d};
+
+use crate::{
+    convert::ply,
+    process::{Run, folder, gs},
+};
+
+fn edit(from: &Path, to: &Path, operations: &[&str]) -> Run {
+    gs([Path::new("edit"), from, to].into_iter().chain(operations.iter().map(Path::new)))
+}
+
+#[track_caller]
+fn refused(run: Run, status: i32, part: &str) {
+    assert!(run.status == Some(status) && run.refusal().contains(part), "{part}: {run:?}");
+}
+
+#[test]
+fn operations_are_done_in_order() {
+    let place = folder();
+    let (scene, edited) = (ply(place.path()), place.path().join("edited.ply"));
+    let json =
+        edit(&scene, &edited, &["scale=2", "move=0,0,1", "turn=y:90", "crop=box:-99,-99,-9,99,99,-1", "--json"]).json();
+    assert_eq!((&json["from"], &json["gaussians"]), (&10.into(), &4.into()));
+    assert_eq!(json["operations"][3], "crop=box:-99,-99,-9,99,99,-1: removed 6 Gaussians of 10");
+    let (before, after) = (read_3d(&scene).unwrap().scene, read_3d(&edited).unwrap().scene);
+    let turn = Mat3::from_quat(Quat::from_rotation_y(std::f32::consts::FRAC_PI_2));
+    // z is −2 times the x before.
+    for (index, kept) in (1..=4).enumerate() {
+        let [before, after] = [before.gaussian(kept), after.gaussian(index)];
+        let expected = turn * (2.0 * before.mean + Vec3::Z);
+        assert!(after.mean.abs_diff_eq(expected, 1e-5), "{} and not {expected}", after.mean);
+        let covariance = 4.0 * (turn * before.covariance().unwrap() * turn.transpose());
+        assert!(after.covariance().unwrap().abs_diff_eq(covariance, 1e-5));
+        assert_eq!(after.sh[0], before.sh[0]);
+        assert!(after.sh != before.sh, "colours turn, too");
+    }
+}
+
+#[test]
+fn scenes_are_filtered_joined_and_measured() {
+    let place = folder();
+    let (scene, edited) = (ply(place.path()), place.path().join("edited.spz"));
+    let add = format!("add={}", scene.display());
+    let text = edit(&scene, &edited, &["keep=opacity>=0.5", &add, "drop=x>8.5"]).done().stdout;
+    for part in ["keep=opacity>=0.5: removed 5 Gaussians of 10", "added 10 Gaussians", "removed 2 Gaussians of 15"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    assert_eq!(read_3d(&edited).unwrap().scene.len(), 13);
+    let sized = place.path().join("sized.ply");
+    edit(&scene, &sized, &["scale-from=0,0,0,0,-4,0,1"]).done();
+    assert!(read_3d(&sized).unwrap().scene.means[4].abs_diff_eq(Vec3::new(1.0, -1.0, 0.125), 1e-6));
+}
+
+#[test]
+fn only_what_moves_a_scene_takes_it_out_of_its_frame() {
+    let place = folder();
+    let (plain, edited) = (ply(place.path()), place.path().join("edited.ply"));
+    let placed = place.path().join("placed.ply");
+    let frame = WorldFrame { origin: glam::DVec3::new(4e5, 0.0, 5e6), unit: 10.0 };
+    let options = gs_io::WriteOptions3d::default().with(|s| s.trained_with.frame = frame);
+    write_3d(&placed, &read_3d(&plain).unwrap().scene, &options).unwrap();
+    let frame_after = |operations: &[&str]| {
+        edit(&placed, &edited, operations).done();
+        read_3d(&edited).unwrap().trained_with.frame
+    };
+    assert_eq!(frame_after(&["drop=x>5"]), frame);
+    assert_eq!(frame_after(&["move=1,0,0"]), WorldFrame::WORLD);
+    // The other scene is taken into the frame of this one.
+    let unplaced = format!("add={}", plain.display());
+    edit(&placed, &edited, &[&unplaced]).done();
+    let joined = read_3d(&edited).unwrap();
+    assert!(
+        (joined.scene.means[10] - Vec3::new(-4e4, 0.0, -5e5)).abs().max_element() < 0.1,
+        "{}",
+        joined.scene.means[10]
+    );
+}
+
+#[test]
+fn what_cannot_be_done_changes_nothing() {
+    let place = folder();
+    let (scene, edited) = (ply(place.path()), place.path().join("edited.ply"));
+    for (operations, status, part) in [
+        (&["crop=sphere:0,0,99,1"][..], 2, "crop=sphere:0,0,99,1: nothing would be left of the scene"),
+        (&["drop=opacity<0.02", "shrink=2"], 2, "an operation is move="),
+        (&["scale-from=1,1,1,1,1,1,2"], 2, "the two points are the same"),
+        (&["scale=1e38", "scale=1e38"], 2, "too far away or too large"),
+        (&["add=nothing.ply"], 1, "nothing.ply"),
+        (&["up=ground"], 1, "there is no ground"),
+        (&[], 2, "OPERATION"),
+    ] {
+        refused(edit(&scene, &edited, operations), status, part);
+        assert!(!edited.exists(), "{operations:?}");
+    }
+    let bytes = fs::read(&scene).unwrap();
+    refused(edit(&scene, &scene, &["scale=2"]), 2, "is an input of this run");
+    let other = place.path().join("other.ply");
+    fs::write(&other, &bytes).unwrap();
+    refused(edit(&scene, &other, &[&format!("add={}", other.display())]), 2, "is an input of this run");
+    assert!(fs::read(&scene).unwrap() == bytes && fs::read(&other).unwrap() == bytes);
+}

@@ -1,0 +1,315 @@
+//! Operations on finished 3D scenes: moving, cropping, filtering, joining.
+
+mod filter;
+mod ground;
+
+use std::{path::PathBuf, str::FromStr};
+
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3};
+use gs_core::{Region, Scene as _, Scene3d, counted, examination::Examinable as _};
+
+pub use self::filter::Filter;
+use self::ground::up_of_ground;
+use crate::{
+    any_scene::{AnyScene, Values, read_scene},
+    error::Error,
+    scene3d::{File3d, move_scene, transform_scene},
+    world_frame::WorldFrame,
+};
+
+/// The up direction that viewers assume: y points down.
+const UP: DVec3 = DVec3::NEG_Y;
+
+/// An operation on a 3D scene. Places and lengths are in units of the scene.
+///
+/// Text is parsed as `gs edit --help` describes it:
+///
+/// ```
+/// use gs_io::Edit;
+///
+/// assert!(matches!("crop=sphere:0,0,0,4".parse(), Ok(Edit::Crop { keep_inside: true, .. })));
+/// assert!("crop=sphere:0,0,0".parse::<Edit>().unwrap_err().contains("sphere:X,Y,Z,RADIUS"));
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Edit {
+    /// Moves by a vector.
+    Move(DVec3),
+    /// Turns about an axis through the origin, counter-clockwise as seen from its tip.
+    Turn {
+        /// The axis, of length 1.
+        axis: DVec3,
+        /// The angle, rad.
+        angle: f64,
+    },
+    /// Scales about the origin by a factor above 0.
+    Scale(f64),
+    /// Scales about the origin so that two points are a known length apart.
+    ScaleFrom {
+        /// The points, before.
+        points: [DVec3; 2],
+        /// Their distance afterwards, above 0.
+        length: f64,
+    },
+    /// Turns about the origin so that a direction, of any length but 0, points up, which is −y. `None` stands for
+    /// the direction across the plane that most of the scene lies in, among those within 45° of −y.
+    Up(Option<DVec3>),
+    /// Takes the coordinates of the world of the scene's data set.
+    World,
+    /// Removes Gaussians by their means.
+    Crop {
+        /// The region.
+        region: Region,
+        /// Whether what is inside stays, or what is outside.
+        keep_inside: bool,
+    },
+    /// Removes Gaussians by a property.
+    Select {
+        /// The condition.
+        filter: Filter,
+        /// Whether those stay for which it is true, or the others.
+        keep: bool,
+    },
+    /// Adds the Gaussians of another 3D scene: a scene file, a checkpoint or an output folder. Where both scenes
+    /// have frames in a world, it is taken to be the same world.
+    Add(PathBuf),
+}
+
+/// Why an [`Edit`] cannot be done.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EditError {
+    /// No Gaussian would stay.
+    #[error("nothing would be left of the scene")]
+    NothingLeft,
+    /// A length was given for two points that are the same.
+    #[error("the two points are the same")]
+    SamePoints,
+    /// Numbers of 32 bits don't hold the result.
+    #[error("the scene would be too far away or too large for numbers of 32 bits")]
+    TooFar,
+    /// The scene lies in no plane.
+    #[error("there is no ground: give the direction, as in up=0,-1,0")]
+    NoGround,
+    /// The other scene cannot be read.
+    #[error(transparent)]
+    Read(Box<Error>),
+}
+
+impl From<Error> for EditError {
+    fn from(error: Error) -> Self {
+        Self::Read(Box::new(error))
+    }
+}
+
+/// How operations are written.
+const FORMS: &str = "move=X,Y,Z, turn=AXIS:DEGREES, scale=FACTOR, scale-from=X,Y,Z,X,Y,Z,LENGTH, up=X,Y,Z, \
+     up=ground, world, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER or add=FILE";
+
+const REGIONS: &str = "box:X,Y,Z,X,Y,Z, sphere:X,Y,Z,RADIUS, plane:X,Y,Z,OFFSET or polygon:X,Z,X,Z,X,Z";
+
+impl FromStr for Edit {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, value) = text.split_once('=').unwrap_or((text, ""));
+        let written = |form: &str| format!("write it as {name}={form}");
+        match name {
+            "move" => vector(value).map(Self::Move).ok_or_else(|| written("X,Y,Z")),
+            "turn" => turn(value).ok_or_else(|| written("AXIS:DEGREES, such as turn=y:90 or turn=1,1,0:45")),
+            "scale" => match numbers(value).as_deref() {
+                Some([factor]) if *factor > 0.0 => Ok(Self::Scale(*factor)),
+                _ => Err(written("FACTOR, above 0")),
+            },
+            "scale-from" => match numbers(value).as_deref() {
+                Some(&[a, b, c, d, e, f, length]) if length > 0.0 => {
+                    Ok(Self::ScaleFrom { points: [DVec3::new(a, b, c), DVec3::new(d, e, f)], length })
+                }
+                _ => Err(written("X,Y,Z,X,Y,Z,LENGTH: two points of the scene, and how far apart they are")),
+            },
+            "up" if value == "ground" => Ok(Self::Up(None)),
+            "up" => match vector(value).filter(|up| up.length_squared() > 0.0) {
+                Some(up) => Ok(Self::Up(Some(up))),
+                None => Err("write it as up=X,Y,Z, a direction, or up=ground".to_owned()),
+            },
+            "world" if value.is_empty() => Ok(Self::World),
+            "crop" | "cut" => region(value)
+                .map(|region| Self::Crop { region, keep_inside: name == "crop" })
+                .ok_or_else(|| written(REGIONS)),
+            "keep" | "drop" => value.parse().map(|filter| Self::Select { filter, keep: name == "keep" }),
+            "add" if !value.is_empty() => Ok(Self::Add(value.into())),
+            _ => Err(format!("an operation is {FORMS}")),
+        }
+    }
+}
+
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let values: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    values.filter(|values| values.iter().all(|value| value.is_finite() && value.abs() < f64::from(f32::MAX)))
+}
+
+fn vector(text: &str) -> Option<DVec3> {
+    let numbers: [f64; 3] = numbers(text)?.try_into().ok()?;
+    Some(numbers.into())
+}
+
+fn turn(text: &str) -> Option<Edit> {
+    let (axis, degrees) = text.rsplit_once(':')?;
+    let axis = match axis {
+        "x" => DVec3::X,
+        "y" => DVec3::Y,
+        "z" => DVec3::Z,
+        other => vector(other)?.try_normalize()?,
+    };
+    let [degrees] = numbers(degrees)?.try_into().ok()?;
+    Some(Edit::Turn { axis, angle: f64::to_radians(degrees) })
+}
+
+fn region(text: &str) -> Option<Region> {
+    let (kind, values) = text.split_once(':')?;
+    let values: Vec<f32> = numbers(values)?.into_iter().map(|value| value as f32).collect();
+    let at = |index: usize| Vec3::from_slice(&values[index..]);
+    match (kind, values.len()) {
+        ("box", 6) => Some(Region::Box { min: at(0).min(at(3)), max: at(0).max(at(3)) }),
+        ("sphere", 4) if values[3] > 0.0 => Some(Region::Sphere { center: at(0), radius: values[3] }),
+        ("plane", 4) if at(0) != Vec3::ZERO => Some(Region::HalfSpace { normal: at(0), offset: values[3] }),
+        ("polygon", length) if length >= 6 && length.is_multiple_of(2) => {
+            let corners = values.chunks_exact(2).map(Vec2::from_slice).collect();
+            Some(Region::Prism { corners })
+        }
+        _ => None,
+    }
+}
+
+impl Edit {
+    /// Does it, and says what it did, in a few words. What moves, turns or scales a scene takes it out of its frame
+    /// in the world.
+    ///
+    /// # Errors
+    /// [`EditError`]. The scene may have changed.
+    pub fn apply(&self, scene: &mut Scene3d, frame: &mut WorldFrame) -> Result<String, EditError> {
+        match self {
+            Self::Move(shift) => moved(scene, frame, DAffine3::from_translation(*shift), || "moved".to_owned()),
+            Self::Turn { axis, angle } => moved(scene, frame, turned(DQuat::from_axis_angle(*axis, *angle)), || {
+                format!("turned by {}°", angle.to_degrees())
+            }),
+            Self::Scale(factor) => scaled(scene, frame, *factor),
+            Self::ScaleFrom { points: [a, b], length } => match length / a.distance(*b) {
+                factor if factor.is_finite() => scaled(scene, frame, factor),
+                _ => Err(EditError::SamePoints),
+            },
+            Self::Up(direction) => {
+                let up = direction.or_else(|| up_of_ground(scene)).ok_or(EditError::NoGround)?;
+                moved(scene, frame, turned(DQuat::from_rotation_arc(up.normalize(), UP)), || {
+                    format!("{} now points up", words(up.normalize().as_vec3()))
+                })
+            }
+            Self::World => {
+                let before = std::mem::take(frame);
+                move_scene(scene, &before, frame);
+                scene.validate().map_err(|_| EditError::TooFar)?;
+                Ok(format!("before, {before}"))
+            }
+            Self::Crop { region, keep_inside } => {
+                let keep = scene.means.iter().map(|mean| region.contains(*mean) == *keep_inside).collect();
+                kept(scene, keep)
+            }
+            Self::Select { filter, keep } => {
+                let keep = (0..scene.len()).map(|index| filter.holds(scene, index) == *keep).collect();
+                kept(scene, keep)
+            }
+            Self::Add(path) => match read_scene(path, Values::Checked)?.scene {
+                AnyScene::ThreeD(other) => added(scene, *frame, *other),
+                AnyScene::TwoD(_) => Err(Error::unsupported(path, "a 2D scene", "add a 3D scene").into()),
+            },
+        }
+    }
+}
+
+/// Applies a map. The coordinates are no longer those of a data set.
+fn moved(
+    scene: &mut Scene3d,
+    frame: &mut WorldFrame,
+    map: DAffine3,
+    what: impl FnOnce() -> String,
+) -> Result<String, EditError> {
+    // Nothing is lost by rotations and scales.
+    let _stretched = transform_scene(scene, &map);
+    *frame = WorldFrame::WORLD;
+    scene.validate().map_err(|_| EditError::TooFar)?;
+    Ok(what())
+}
+
+fn turned(rotation: DQuat) -> DAffine3 {
+    DAffine3::from_mat3(DMat3::from_quat(rotation))
+}
+
+fn scaled(scene: &mut Scene3d, frame: &mut WorldFrame, factor: f64) -> Result<String, EditError> {
+    let map = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::splat(factor)));
+    moved(scene, frame, map, || format!("scaled by {factor}"))
+}
+
+/// Keeps some of the Gaussians.
+fn kept(scene: &mut Scene3d, keep: Vec<bool>) -> Result<String, EditError> {
+    let (all, left) = (keep.len(), keep.iter().filter(|keep| **keep).count());
+    if left == 0 {
+        return Err(EditError::NothingLeft);
+    }
+    scene.retain(&keep);
+    Ok(format!("removed {} of {all}", counted(all - left, "Gaussian")))
+}
+
+/// Adds a scene. Where both are in frames of a world, it is the same world.
+fn added(scene: &mut Scene3d, frame: WorldFrame, mut other: File3d) -> Result<String, EditError> {
+    other.move_to(frame);
+    other.scene.validate().map_err(|_| EditError::TooFar)?;
+    let (number, before) = (other.scene.len(), scene.sh_degree);
+    scene.append(other.scene);
+    let degree = scene.sh_degree;
+    let degrees = if before == degree { String::new() } else { format!("; SH degree {before} became {degree}") };
+    Ok(format!("added {}{degrees}", counted(number, "Gaussian")))
+}
+
+fn words(v: Vec3) -> String {
+    format!("({:.3}, {:.3}, {:.3})", v.x, v.y, v.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(text: &str) -> Result<Edit, String> {
+        text.parse()
+    }
+
+    #[test]
+    fn operations_are_parsed() {
+        assert_eq!(parsed("move=1, -2,0.5"), Ok(Edit::Move(DVec3::new(1.0, -2.0, 0.5))));
+        assert_eq!(parsed("turn=-1,0,0:180"), Ok(Edit::Turn { axis: DVec3::NEG_X, angle: std::f64::consts::PI }));
+        let corners = Edit::Crop { region: Region::Box { min: Vec3::ZERO, max: Vec3::ONE }, keep_inside: true };
+        assert_eq!(parsed("crop=box:1,0,1,0,1,0"), Ok(corners));
+        let above = Region::HalfSpace { normal: Vec3::NEG_Y, offset: 0.2 };
+        assert_eq!(parsed("cut=plane:0,-1,0,0.2"), Ok(Edit::Crop { region: above, keep_inside: false }));
+        assert_eq!(parsed("add=a=b.ply"), Ok(Edit::Add("a=b.ply".into())));
+        for (text, part) in [
+            ("", "an operation is move="),
+            ("move=1,2", "write it as move=X,Y,Z"),
+            ("move=1,2,nan", "write it as move=X,Y,Z"),
+            ("turn=90", "turn=y:90"),
+            ("turn=0,0,0:90", "turn=y:90"),
+            ("scale=0", "above 0"),
+            ("scale-from=0,0,0,1,0,0,-2", "how far apart"),
+            ("up=0,0,0", "a direction"),
+            ("world=1", "an operation is"),
+            ("crop=sphere:0,0,0,0", "sphere:X,Y,Z,RADIUS"),
+            ("crop=polygon:0,0,1,1", "polygon:X,Z,X,Z,X,Z"),
+            ("drop=opacity", "such as opacity<0.02"),
+            ("drop=colour<1", "`colour` is no property"),
+            ("keep=x>=wide", "`wide` is not a number"),
+            ("add=", "an operation is"),
+        ] {
+            let error = parsed(text).unwrap_err();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+    }
+}
