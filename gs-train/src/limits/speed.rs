@@ -13,7 +13,7 @@ use crate::{
 };
 use crate::{
     start::Start,
-    train::{TrainPreset, TrainSettings, Trainer3d},
+    train::{RefinePoses, TrainPreset, TrainSettings, Trainer3d},
     views::{ImageReading, PosedView, Resolution, Views},
 };
 
@@ -149,6 +149,8 @@ impl Speed {
             rounds: Rounds { every: ROUND_EVERY, from: ROUND_EVERY, until: STEPS - 1 },
             resolution,
             recovery: Recovery::Never,
+            // Its first steps would be on smaller images than the settings name.
+            refine_poses: RefinePoses::Off,
             ..settings.clone().with_gaussians(gaussians)
         };
         let mut trainer = Trainer3d::from_views(on, views, start, trial).await?;

@@ -211,6 +211,14 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
         context: StepContext,
     ) -> Result<(), Error>;
 
+    /// Takes what the steps that were sent report to the task, before a checkpoint.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    async fn settle(&mut self, _on: &R, _splats: &mut R::Splats) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// The residual for a policy that needs it, where there is one.
     ///
     /// # Errors

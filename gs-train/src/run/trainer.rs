@@ -377,6 +377,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
         self.settle().await?;
+        self.task.settle(self.rasterizer, &mut self.splats).await?;
         let mut metadata = self.record.to_metadata()?;
         metadata.extend(self.task.state()?.into_iter().map(|(key, text)| (key.to_owned(), text)));
         let mut state = self.rasterizer.saved(&self.splats).await?;

@@ -224,11 +224,17 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })
     }
 
+    /// The divisor of the images' sides in the step after `step` steps.
+    fn factor(&self, settings: &TrainSettings, step: u32) -> u32 {
+        let factor = settings.resolution.factor(step as f32 / settings.iterations as f32);
+        factor.max(self.poses.factor(step, settings.iterations))
+    }
+
     /// The camera of a training view at the resolution of the step after `step` steps, and the
     /// divisor of its sides.
     fn reduced(&self, index: usize, settings: &TrainSettings, step: u32) -> (Camera, u32) {
         let camera = &self.views.train[index].camera;
-        let factor = possible(camera, settings.resolution.factor(step as f32 / settings.iterations as f32));
+        let factor = possible(camera, self.factor(settings, step));
         (if factor > 1 { reduced_camera(camera, factor) } else { *camera }, factor)
     }
 }
@@ -275,19 +281,11 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         if self.exposures.is_due(settings.exposure, views, step, settings.iterations) {
             let render = shown(settings, &Effects { statistics: Statistics::None, ..effects });
             let were_used = self.exposures.are_used();
-            let factor = settings.resolution.factor(step as f32 / settings.iterations as f32);
+            let factor = self.factor(settings, step);
             self.exposures.solve((on, splats), &self.views.train, &render, (settings.exposure, factor)).await?;
             if were_used || self.exposures.are_used() {
                 self.images.forget();
             }
-        }
-        if let Some(pixels) = self.poses.due(settings.refine_poses, views, step, settings.iterations) {
-            let render = shown(settings, &Effects { statistics: Statistics::None, ..effects });
-            let factor = settings.resolution.factor(step as f32 / settings.iterations as f32);
-            let how = (settings.refine_poses, pixels, factor);
-            self.poses
-                .refine((on, splats), &mut self.views.train, (&render, self.extent, &self.exposures), how)
-                .await?;
         }
         if self.depths.is_due(step, settings.iterations) {
             let render = shown(settings, &effects);
@@ -320,7 +318,11 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     ) -> Result<(), Error> {
         let StepContext { step, effects, full_depth, lr_scale, binning } = context;
         self.read_ahead(settings, step);
-        let progress = step as f32 / settings.iterations as f32;
+        let (progress, views) = (step as f32 / settings.iterations as f32, self.views.train.len() as u32);
+        if step.is_multiple_of(views) {
+            let now = (settings.refine_poses, step, settings.iterations);
+            self.poses.move_cameras((on, splats), &mut self.views.train, self.extent, now).await?;
+        }
         let index = self.order.view(settings.seed, step, self.views.train.len());
         let (camera, factor) = self.reduced(index, settings, step);
         let view = &self.views.train[index];
@@ -329,6 +331,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         render.effects = Effects { background, ..effects };
         render.full_depth = full_depth;
         render.dropout = settings.dropout_at(step);
+        render.camera_gradient = self.poses.needs_gradient(step, settings.iterations);
         let rates = settings.rates_at(step, self.extent).times(lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
@@ -340,7 +343,15 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let target = self
             .images
             .get(index, factor, || images::target(on, images::training_image(view, factor, map)?, fixed, compact))?;
-        Ok(on.train_step_with(splats, &camera, target, &step, added).await?)
+        on.train_step_with(splats, &camera, target, &step, added).await?;
+        if render.camera_gradient {
+            self.poses.sent(index);
+        }
+        Ok(())
+    }
+
+    async fn settle(&mut self, on: &R, splats: &mut R::Splats) -> Result<(), Error> {
+        self.poses.collect(on, splats).await
     }
 
     async fn evidence(

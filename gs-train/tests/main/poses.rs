@@ -86,10 +86,10 @@ fn exact_poses_stay_as_they_are() {
     let off = trained(&rasterizer, views(&rasterizer), RefinePoses::Off);
     let auto = trained(&rasterizer, views(&rasterizer), RefinePoses::Auto);
     assert!(!auto.poses().unwrap().used, "{:?}", auto.poses());
-    assert_eq!(off.scene().block_on().unwrap(), auto.scene().block_on().unwrap());
-    let evaluation = auto.evaluate(&|_, _, _| Ok(())).block_on().unwrap();
-    assert_eq!(evaluation, off.evaluate(&|_, _, _| Ok(())).block_on().unwrap());
-    assert!(evaluation.pose_matched.is_none());
+    assert!(auto.views().train_cameras().eq(off.views().train_cameras()));
+    let [off, auto] = [off, auto].map(|trainer| trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap());
+    assert!(auto.psnr > off.psnr - 0.5, "{} dB, {} dB", auto.psnr, off.psnr);
+    assert!(auto.pose_matched.is_none());
 }
 
 #[test]

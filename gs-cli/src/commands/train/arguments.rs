@@ -160,7 +160,7 @@ pub(crate) struct TrainSettingsArgs {
     /// How to treat differences in exposure and white balance between the images
     #[arg(long, value_parser = by_name::<Exposure>(), value_name = "WHICH")]
     pub(crate) exposure: Option<Exposure>,
-    /// Whether to align each camera to its image a few times during the training, for poses that are not exact
+    /// Whether the cameras move while the scene is trained, for poses that are not exact
     #[arg(long, value_parser = by_name::<RefinePoses>(), value_name = "WHICH")]
     pub(crate) refine_poses: Option<RefinePoses>,
     /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of

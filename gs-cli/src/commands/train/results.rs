@@ -170,11 +170,10 @@ impl results::Summary for Summary<'_> {
 
 /// What the refinement of poses did, in words.
 fn poses_line(report: &PosesReport, matched: Option<PoseMatched>) -> String {
-    let PosesReport { used, gain_db, median_degrees, most_degrees, median_percent, most_percent, .. } = *report;
+    let PosesReport { used, median_px, median_degrees, most_degrees, median_percent, most_percent, .. } = *report;
     if !used {
         return format!(
-            "poses were not refined: cameras aligned with half of each image change the other half by only \
-             {gain_db:+.2} dB"
+            "poses were not refined: refined ones would move the images by only {median_px:.2} px in the median"
         );
     }
     let matched = matched.map_or_else(String::new, |PoseMatched { psnr, ssim, .. }| {
@@ -184,8 +183,8 @@ fn poses_line(report: &PosesReport, matched: Option<PoseMatched>) -> String {
         )
     });
     format!(
-        "poses were refined: cameras turned by {median_degrees:.3} degrees and moved by {median_percent:.3} % of the \
-         scene in the median, by {most_degrees:.3} degrees and {most_percent:.3} % at most{matched}"
+        "poses were refined: images moved by {median_px:.2} px, cameras turned by {median_degrees:.3} degrees and \
+         moved by {median_percent:.3} % of the scene in the median, by {most_degrees:.3} degrees and {most_percent:.3} % at most{matched}"
     )
 }
 

@@ -1,4 +1,5 @@
-//! Alignment of a camera to its image: direct image alignment with rendered depths.
+//! Alignment of a camera to its image, in a scene that stays as it is: direct image alignment with rendered
+//! depths.
 //!
 //! The scene is rendered from the camera, in colours and in inverse depths, which say how each pixel moves
 //! with the camera. A few steps of Gauss-Newton then find the motion that takes the rendering to the
@@ -28,43 +29,18 @@ const LEAST_OPACITY: f32 = 0.5;
 /// Least number of pixels to align with.
 const LEAST_PIXELS: usize = 50;
 
-/// The pixels of a view that count.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Part {
-    /// All of them.
-    Whole,
-    /// Those in the left half.
-    Left,
-    /// Those in every other square of a chessboard, or the others.
-    Squares(bool),
-}
-
-/// Side of the squares of [`Part::Squares`], px.
-const SQUARE: usize = 8;
-
-impl Part {
-    fn contains(self, (x, y): (usize, usize), width: usize) -> bool {
-        match self {
-            Self::Whole => true,
-            Self::Left => x < width / 2,
-            Self::Squares(odd) => (x / SQUARE + y / SQUARE).is_multiple_of(2) != odd,
-        }
-    }
-}
-
 /// An image at a reduced size, over the background of renderings.
 #[derive(Debug)]
-pub(crate) struct Sight {
+struct Sight {
     factor: u32,
     image: Image,
     mask: Option<Vec<bool>>,
 }
 
-/// The divisor of a camera's sides that leaves about this many pixels, a power of two not below `least`.
-pub(crate) fn divisor(camera: &Camera, pixels: u64, least: u32) -> u32 {
+/// The divisor of a camera's sides that leaves about this many pixels, a power of two.
+pub(super) fn divisor(camera: &Camera, pixels: u64) -> u32 {
     let all = u64::from(camera.width) * u64::from(camera.height);
-    let factor = (all / pixels).isqrt().max(1).next_power_of_two() as u32;
-    possible(camera, factor.max(least))
+    possible(camera, (all / pixels).isqrt().max(1).next_power_of_two() as u32)
 }
 
 impl Sight {
@@ -72,7 +48,7 @@ impl Sight {
     ///
     /// # Errors
     /// [`gs_core::Error`] where the size is not possible.
-    pub(crate) fn new(posed: &PosedImage, factor: u32, render: &RenderSettings) -> Result<Self, Error> {
+    fn new(posed: &PosedImage, factor: u32, render: &RenderSettings) -> Result<Self, Error> {
         let posed = if factor > 1 { &reduced(posed, factor)? } else { posed };
         let mask = posed.mask.clone();
         Ok(Self { factor, image: posed.clone().over(render.background_color())?, mask })
@@ -92,39 +68,19 @@ impl Sight {
         Ok(on.draw(splats, &reduced_camera(camera, self.factor), render).await?.0)
     }
 
-    /// Mean squared error of the rendering for a full-size camera in a part of the image; `None` where no
-    /// pixel counts.
-    pub(crate) async fn squared_error<R: Rasterizer<Scene3d>>(
+    /// The camera after at most `steps` steps of Gauss-Newton towards the left half of the image. Steps
+    /// that do not bring the rendering closer to the image are undone, and end the alignment.
+    async fn aligned<R: Rasterizer<Scene3d>>(
         &self,
         scene: (&R, &R::Splats),
         camera: &Camera,
         render: &RenderSettings,
-        part: Part,
-    ) -> Result<Option<f64>, Error> {
-        let rendered = self.draw(scene, camera, render).await?;
-        let width = self.image.width() as usize;
-        let counted = |index: &usize| part.contains((index % width, index / width), width) && self.counts(*index);
-        let (mut sum, mut count) = (0.0, 0usize);
-        for index in (0..self.image.pixels().len()).filter(counted) {
-            sum += difference(rendered.pixels()[index], self.image.pixels()[index]).length_squared();
-            count += 1;
-        }
-        Ok((count >= LEAST_PIXELS).then(|| sum / (3 * count) as f64))
-    }
-
-    /// The camera after at most `steps` steps of Gauss-Newton towards a part of the image. Steps that do
-    /// not bring the rendering closer to the image are undone, and end the alignment.
-    pub(crate) async fn aligned<R: Rasterizer<Scene3d>>(
-        &self,
-        scene: (&R, &R::Splats),
-        camera: &Camera,
-        render: &RenderSettings,
-        (part, steps): (Part, u32),
+        steps: u32,
     ) -> Result<Camera, Error> {
         // A background in one channel shows the transmittance.
         let depths = self.draw(scene, camera, &inverse_depths(render).on([0.0, 1.0, 0.0])).await?;
         let mut rendered = self.draw(scene, camera, render).await?;
-        let rows = self.rows(&reduced_camera(camera, self.factor), (&rendered, &depths), part);
+        let rows = self.rows(&reduced_camera(camera, self.factor), (&rendered, &depths));
         if rows.len() < LEAST_PIXELS {
             return Ok(*camera);
         }
@@ -151,18 +107,17 @@ impl Sight {
         Ok(best)
     }
 
-    /// The pixels that say something about the camera, which has the size of the image.
-    fn rows(&self, camera: &Camera, (rendered, depths): (&Image, &Image), part: Part) -> Vec<Row> {
+    /// The pixels of the left half that say something about the camera, which has the size of the image.
+    fn rows(&self, camera: &Camera, (rendered, depths): (&Image, &Image)) -> Vec<Row> {
         let (width, height) = (self.image.width() as usize, self.image.height() as usize);
         let pixels = self.image.pixels();
         let inverse = nearby(depths);
         let mut rows = Vec::new();
         for y in 1..height.saturating_sub(1) {
-            for x in 1..width.saturating_sub(1) {
+            for x in 1..(width / 2).min(width.saturating_sub(1)) {
                 let index = y * width + x;
                 let around = [index - 1, index + 1, index - width, index + width];
-                if !(part.contains((x, y), width) && self.counts(index) && around.iter().all(|&next| self.counts(next)))
-                {
+                if !(self.counts(index) && around.iter().all(|&next| self.counts(next))) {
                     continue;
                 }
                 // Means of the gradients of both images.
@@ -179,28 +134,8 @@ impl Sight {
     }
 }
 
-/// Numbers of pixels with which a view is aligned one after the other, and steps for each, where a scene is
-/// evaluated.
+/// Numbers of pixels with which a view is aligned, one after the other, and steps for each.
 const FINER: [(u64, u32); 4] = [(2_500, 4), (10_000, 4), (40_000, 3), (160_000, 3)];
-
-/// The camera after an alignment with each of these numbers of pixels and steps, one after the other, at
-/// divisors of at least `least`.
-///
-/// # Errors
-/// Those of the backend.
-pub(crate) async fn align<R: Rasterizer<Scene3d>>(
-    scene: (&R, &R::Splats),
-    (camera, posed): (&Camera, &PosedImage),
-    render: &RenderSettings,
-    (part, levels, least): (Part, &[(u64, u32)], u32),
-) -> Result<Camera, Error> {
-    let mut aligned = *camera;
-    for &(pixels, steps) in levels {
-        let sight = Sight::new(posed, divisor(camera, pixels, least), render)?;
-        aligned = sight.aligned(scene, &aligned, render, (part, steps)).await?;
-    }
-    Ok(aligned)
-}
 
 /// The camera of a view, aligned to the left half of its image.
 ///
@@ -211,7 +146,12 @@ pub(crate) async fn to_left_half<R: Rasterizer<Scene3d>>(
     view: &PosedView,
     render: &RenderSettings,
 ) -> Result<Camera, Error> {
-    align(scene, (&view.camera, &view.image()?), render, (Part::Left, &FINER, 1)).await
+    let (mut aligned, posed) = (view.camera, view.image()?);
+    for (pixels, steps) in FINER {
+        let sight = Sight::new(&posed, divisor(&view.camera, pixels), render)?;
+        aligned = sight.aligned(scene, &aligned, render, steps).await?;
+    }
+    Ok(aligned)
 }
 
 /// A camera moved by a twist (v, ω).
@@ -234,7 +174,7 @@ fn difference(a: [f32; 3], b: [f32; 3]) -> DVec3 {
 }
 
 /// ∂(u, v)/∂ the twist (v, ω) of [`Camera::moved`], px, of the point at (X/Z, Y/Z) with inverse depth `q`.
-fn flow(at: DVec2, focal: DVec2, q: f64) -> [[f64; 6]; 2] {
+pub(super) fn flow(at: DVec2, focal: DVec2, q: f64) -> [[f64; 6]; 2] {
     let DVec2 { x: a, y: b } = at;
     let du = [q, 0.0, -a * q, -a * b, 1.0 + a * a, -b];
     let dv = [0.0, q, -b * q, -1.0 - b * b, a * b, a];
@@ -305,9 +245,9 @@ fn motion(rows: &[Row], residuals: &[DVec3], scale: f64) -> Option<[f64; 6]> {
     Some(twist.map(|value| by * value)).filter(|twist| twist.iter().all(|value| value.is_finite()))
 }
 
-/// x of the system A x = b with the lower triangle of a symmetric A, by Cholesky's factorization; `None` where
-/// A is not positive definite.
-fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
+/// The factor L of a symmetric matrix L Lᵀ, of which the lower triangle is given, by Cholesky; `None` where
+/// it is not positive definite.
+pub(super) fn factored(mut a: [[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     for i in 0..6 {
         for j in 0..=i {
             let rest = a[i][j] - (0..j).map(|k| a[i][k] * a[j][k]).sum::<f64>();
@@ -318,6 +258,12 @@ fn solve(mut a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
             };
         }
     }
+    Some(a)
+}
+
+/// x of the system A x = b with the lower triangle of a symmetric A; `None` where A is not positive definite.
+fn solve(a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
+    let a = factored(a)?;
     for i in 0..6 {
         b[i] = (b[i] - (0..i).map(|k| a[i][k] * b[k]).sum::<f64>()) / a[i][i];
     }

@@ -1,25 +1,26 @@
-//! Refinement of camera poses: a few times in a run, the camera of each training view is aligned to its image.
+//! Refinement of camera poses: the cameras of the training views move while the scene is trained.
 //!
-//! The camera of each view is aligned to its image with the scene as it is ([`align`]), and later steps use
-//! the new cameras, so that scene and cameras become consistent in turns. The common motion of the cameras,
-//! which no image shows, is taken out ([`gauge`]). *Source:* BARF (Lin et al. 2021) and SplaTAM (Keetha et
-//! al. 2024) refine poses by gradient descent in every step. Here they are aligned as in direct
-//! visual odometry, which needs fewer looks at each image and only forward passes.
+//! Each step also gives the gradient of its loss by the camera. After each epoch, every camera moves
+//! against its gradient ([`descent`]), and the common motion of the cameras, which no image shows, is
+//! taken out ([`gauge`]). The images of the first steps are so small that a wrong pose is an error of a
+//! pixel or less: a scene trained on more pixels fits the wrong poses of few views, and then no gradient
+//! corrects them. *Source:* gradients by the pose as in gsplat, from coarse to fine as in BARF (Lin et
+//! al. 2021).
 
 pub(super) mod align;
+mod descent;
 mod gauge;
 
 use std::collections::BTreeMap;
 
-use gs_core::{Camera, Rasterizer, RenderSettings, Scene3d};
-use gs_io::dataset::PosedImage;
+use glam::Vec3;
+use gs_core::{Camera, Optimizer, Scene3d, Wait};
 use serde::{Deserialize, Serialize};
 
-use self::align::{Part, Sight, align, divisor};
+use self::descent::{Descent, by_pose};
 use crate::error::Error;
 use crate::run::{table, to_table};
-use crate::train::exposure::Exposures;
-use crate::views::{PosedView, training_image};
+use crate::views::{PosedView, Resolution};
 
 gs_core::choices! {
     /// Whether the poses of the training views' cameras are refined along with the scene.
@@ -29,11 +30,11 @@ gs_core::choices! {
         /// The cameras stay as they are given.
         #[default]
         Off = "off": "Train with the cameras as they are",
-        /// The cameras are aligned to their images a few times in the run.
-        On = "on": "Align each camera to its image a few times during the training",
-        /// Like [`Self::On`] if an alignment with half of the squares of each image, as on a chessboard, brings
-        /// the renderings closer to the other squares, and otherwise like [`Self::Off`].
-        Auto = "auto": "As on if an alignment with half of each image improves the other half, otherwise as off",
+        /// The cameras move along with the scene.
+        On = "on": "Let the cameras move while the scene is trained",
+        /// Like [`Self::On`] if the cameras have moved their images by half a pixel after a part of the run.
+        /// Otherwise they go back to where they were given, and stay there.
+        Auto = "auto": "As on, but back to the given poses if those are right to half a pixel",
     }
 }
 
@@ -42,25 +43,33 @@ impl RefinePoses {
         *self == Self::Off
     }
 
-    /// Fewest steps of a run in which the cameras of this many training views are aligned.
+    /// Fewest steps of a run in which the cameras of this many training views move.
     pub fn least_steps(views: usize) -> u32 {
-        let last = ALIGNED_AT.iter().map(|(share, _)| *share).fold(0.0, f64::max);
-        (f64::from(LEAST_STEPS_PER_VIEW) * views as f64 / last).ceil() as u32
+        u32::try_from(views).unwrap_or(u32::MAX).saturating_mul(LEAST_EPOCHS)
     }
 }
 
-/// Shares of a run after which cameras are aligned, and numbers of pixels for it: late enough for sharp
-/// renderings, early enough for the scene to adapt.
-const ALIGNED_AT: [(f64, u64); 5] = [(0.2, 10_000), (0.28, 40_000), (0.36, 40_000), (0.45, 160_000), (0.55, 160_000)];
+/// Fewest epochs of a run in which cameras move.
+const LEAST_EPOCHS: u32 = 15;
 
-/// Least number of steps for each training view before the first alignment.
-const LEAST_STEPS_PER_VIEW: u32 = 4;
+/// Share of a run until which cameras move.
+const UNTIL: f64 = 0.7;
 
-/// Least gain of the pixels that an alignment did not use, dB, with which [`RefinePoses::Auto`] refines the poses.
-const LEAST_GAIN_DB: f64 = 0.5;
+/// The way that a camera would go if all its steps had the same direction, as a share of the longer side of
+/// its image. Steps become shorter at a constant rate until they are 0.
+const WAY: f64 = 0.05;
 
-/// Motion of a camera, relative to the median of all, from which its alignment went astray.
-const ASTRAY: f32 = 4.0;
+/// Number of pixels of the largest image in the first steps.
+const FIRST_PIXELS: u64 = 4_000;
+
+/// Share of a run after which images have their full size.
+const FULL_AFTER: f32 = 0.4;
+
+/// Share of a run after which [`RefinePoses::Auto`] decides.
+const DECIDED_AFTER: f64 = 0.4;
+
+/// Least motion of the images, px, median over the views, with which [`RefinePoses::Auto`] refines the poses.
+const LEAST_PX: f32 = 0.5;
 
 /// Key of the cameras in the metadata of checkpoints.
 const KEY: &str = "refined-poses";
@@ -85,11 +94,11 @@ fn with_pose(camera: &Camera, pose: &Pose) -> Camera {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct PosesReport {
-    /// Whether the refined poses are used: with [`RefinePoses::Auto`], only if they gain enough.
+    /// Whether the refined poses are used: with [`RefinePoses::Auto`], only if the images moved enough.
     pub used: bool,
-    /// How much closer the first alignment with half of the squares of each image brought the renderings to
-    /// the other squares; median over the training views, dB.
-    pub gain_db: f64,
+    /// Motion of the first Gaussians in a view by the refinement, root mean square, px; median over the views.
+    /// Where the refined poses are not used, this and the numbers below are those that were found.
+    pub median_px: f32,
     /// Median turn of a camera, degrees.
     pub median_degrees: f32,
     /// Largest turn of a camera, degrees.
@@ -100,24 +109,56 @@ pub struct PosesReport {
     pub most_percent: f32,
 }
 
-/// The refined poses of a run, as stored in its checkpoints.
+/// The refinement of the poses of a run, as stored in its checkpoints.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct State {
-    /// For each training view; empty before the first alignment, and where they are not used.
-    of_views: Vec<Pose>,
+    /// Report after the last epoch.
     report: Option<PosesReport>,
+    /// Views of the steps since then, and the gradients of these steps by the pose.
+    gradients: Vec<(usize, [f32; 6])>,
+    /// For each training view; empty where poses are not refined.
+    of_views: Vec<OfView>,
+}
+
+/// The state of a camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct OfView {
+    pose: Pose,
+    descent: Descent,
 }
 
 /// The poses of a run.
 #[derive(Debug, Default)]
 pub(super) struct Poses {
-    /// The cameras of the training views as they were given; empty before the first alignment of this process.
+    /// The cameras of the training views as they were given; empty where poses are not refined.
     given: Vec<Camera>,
     state: State,
+    /// Views of the steps whose gradients have not been collected.
+    sent: Vec<usize>,
+    /// Divisor of the images' sides in the first steps.
+    coarsest: u32,
 }
 
 impl Poses {
+    /// The poses of a run that begins with Gaussians at these means.
+    pub(super) fn new(refine: RefinePoses, views: &[PosedView], means: &[Vec3]) -> Self {
+        if refine.is_off() {
+            return Self::default();
+        }
+        let of_view = |PosedView { camera, .. }: &PosedView| OfView {
+            pose: pose_of(camera),
+            descent: Descent::of(camera, means),
+        };
+        Self::with(views, State { of_views: views.iter().map(of_view).collect(), ..State::default() })
+    }
+
+    fn with(views: &[PosedView], state: State) -> Self {
+        let given = views.iter().map(|view| view.camera).collect();
+        Self { given, state, sent: Vec::new(), coarsest: coarsest(views) }
+    }
+
     /// The poses of a checkpoint with this metadata, which the training views receive.
     ///
     /// # Errors
@@ -126,110 +167,125 @@ impl Poses {
         if !metadata.contains_key(KEY) {
             return Ok(Self::default());
         }
-        let state: State = table(metadata, KEY)?;
-        let given: Vec<Camera> = views.iter().map(|view| view.camera).collect();
-        let found = state.of_views.len();
-        if found != 0 && found != views.len() {
+        let poses = Self::with(views, table(metadata, KEY)?);
+        let State { gradients, of_views, .. } = &poses.state;
+        let found = of_views.len();
+        if found != views.len() {
             return Err(Error::Checkpoint(format!("its `{KEY}` are of {found} views, not of {}", views.len())));
         }
-        for (view, pose) in views.iter_mut().zip(&state.of_views) {
+        let are_valid = of_views.iter().all(|view| view.descent.is_valid());
+        if !are_valid || gradients.iter().any(|(index, _)| *index >= found) {
+            return Err(Error::Checkpoint(format!("its `{KEY}` are damaged")));
+        }
+        for (view, OfView { pose, .. }) in views.iter_mut().zip(of_views) {
             view.camera = with_pose(&view.camera, pose);
             view.camera.validate().map_err(|error| Error::Checkpoint(format!("its `{KEY}`: {error}")))?;
         }
-        Ok(Self { given, state })
+        Ok(poses)
     }
 
-    /// The metadata for a checkpoint; `None` before the first alignment.
+    /// The metadata for a checkpoint; `None` where poses are not refined.
     pub(super) fn to_metadata(&self) -> Result<Option<(&'static str, String)>, Error> {
-        if self.state == State::default() {
+        if self.state.of_views.is_empty() {
             return Ok(None);
         }
         Ok(Some((KEY, to_table(KEY, &self.state)?)))
     }
 
-    /// Report of the last alignment.
+    /// Report after the last epoch; `None` before the first one, and where poses are not refined.
     pub(super) fn report(&self) -> Option<PosesReport> {
         self.state.report
     }
 
-    /// Number of pixels with which the cameras of a run with this many views are to be aligned before the step
-    /// after `step` of `iterations` steps; `None` if they are not.
-    pub(super) fn due(&self, refine: RefinePoses, views: u32, step: u32, iterations: u32) -> Option<u64> {
+    /// Whether the cameras of a run of `iterations` steps move.
+    fn is_moving(&self, iterations: u32) -> bool {
         let rejected = self.state.report.is_some_and(|report| !report.used);
-        if refine.is_off() || rejected || step < LEAST_STEPS_PER_VIEW.saturating_mul(views) {
-            return None;
-        }
-        let at = |share: f64| (share * f64::from(iterations)).round() as u32 == step;
-        ALIGNED_AT.into_iter().find(|(share, _)| at(*share)).map(|(_, pixels)| pixels)
+        !self.given.is_empty() && !rejected && iterations >= RefinePoses::least_steps(self.given.len())
     }
 
-    /// Aligns the cameras of these views to their images, from renderings whose sides are divided by `factor`
-    /// or more.
+    /// Whether the step after `step` of `iterations` steps is to give the gradient by its camera.
+    pub(super) fn needs_gradient(&self, step: u32, iterations: u32) -> bool {
+        self.is_moving(iterations) && f64::from(step) < UNTIL * f64::from(iterations)
+    }
+
+    /// Divisor of the images' sides in that step, at least.
+    pub(super) fn factor(&self, step: u32, iterations: u32) -> u32 {
+        let resolution = Resolution::CoarseToFine { from: self.coarsest, full_after: FULL_AFTER };
+        if self.is_moving(iterations) { resolution.factor(step as f32 / iterations as f32) } else { 1 }
+    }
+
+    /// Notes that a step with this view gives a gradient.
+    pub(super) fn sent(&mut self, index: usize) {
+        self.sent.push(index);
+    }
+
+    /// Collects the gradients of all steps.
     ///
     /// # Errors
-    /// Those of the backend, and of reading an image.
-    pub(super) async fn refine<R: Rasterizer<Scene3d>>(
+    /// Those of the backend.
+    pub(super) async fn collect<R: Optimizer<Scene3d>>(&mut self, on: &R, splats: &mut R::Splats) -> Result<(), Error> {
+        if self.sent.is_empty() {
+            return Ok(());
+        }
+        let mut gradients = Vec::with_capacity(self.sent.len());
+        on.camera_gradients(splats, Wait::All, &mut gradients).await?;
+        self.state.gradients.extend(self.sent.drain(..).zip(gradients.iter().map(by_pose)));
+        Ok(())
+    }
+
+    /// Moves the cameras of the training views by the gradients of an epoch, which ends with `step` of
+    /// `iterations` steps.
+    ///
+    /// # Errors
+    /// Those of the backend.
+    pub(super) async fn move_cameras<R: Optimizer<Scene3d>>(
         &mut self,
-        scene: (&R, &R::Splats),
+        (on, splats): (&R, &mut R::Splats),
         views: &mut [PosedView],
-        (render, extent, exposures): (&RenderSettings, f32, &Exposures),
-        (refine, pixels, factor): (RefinePoses, u64, u32),
+        extent: f32,
+        (refine, step, iterations): (RefinePoses, u32, u32),
     ) -> Result<(), Error> {
-        if self.given.is_empty() {
-            self.given = views.iter().map(|view| view.camera).collect();
+        self.collect(on, splats).await?;
+        let gradients = std::mem::take(&mut self.state.gradients);
+        if gradients.is_empty() {
+            return Ok(());
         }
-        // The first motions are the largest.
-        let levels: &[(u64, u32)] = match self.state.report {
-            None => &[(pixels / 4, 2), (pixels, 2)],
-            Some(_) => &[(pixels, 1)],
-        };
-        let mut cameras = Vec::with_capacity(views.len());
-        let mut gains = Vec::new();
-        for (index, view) in views.iter().enumerate() {
-            let image = training_image(view, 1, exposures.map(index))?;
-            let camera = &view.camera;
-            if self.state.report.is_none() {
-                gains.extend(gain_db(scene, (camera, &image), render, (levels, factor)).await?);
-            }
-            cameras.push(align(scene, (camera, &image), render, (Part::Whole, levels, factor)).await?);
+        let progress = f64::from(step) / f64::from(iterations);
+        let steps = UNTIL * f64::from(iterations) / views.len() as f64;
+        let share = 2.0 * WAY / steps * (1.0 - progress / UNTIL).max(0.0);
+        let mut cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
+        for (index, gradient) in gradients {
+            let camera = &mut cameras[index];
+            let length = share * f64::from(camera.width.max(camera.height));
+            *camera = self.state.of_views[index].descent.step(camera, &gradient, length);
         }
-        let gain_db = match self.state.report {
-            Some(report) => report.gain_db,
-            None if gains.is_empty() => 0.0,
-            None => median(gains),
-        };
-        let used = refine == RefinePoses::On || gain_db >= LEAST_GAIN_DB;
-        if used {
-            leave_astray(&self.given, &mut cameras, extent);
-            gauge::keep(&self.given, &mut cameras, f64::from(extent));
-            views.iter_mut().zip(&cameras).for_each(|(view, camera)| view.camera = *camera);
+        gauge::keep(&self.given, &mut cameras, f64::from(extent));
+        let report = self.report_on(&cameras, extent);
+        let used = refine == RefinePoses::On || progress < DECIDED_AFTER || report.median_px >= LEAST_PX;
+        self.state.report = Some(PosesReport { used, ..report });
+        let cameras = if used { &cameras } else { &self.given };
+        for ((view, camera), of_view) in views.iter_mut().zip(cameras).zip(&mut self.state.of_views) {
+            (view.camera, of_view.pose) = (*camera, pose_of(camera));
         }
-        let of_views = if used { cameras.iter().map(pose_of).collect() } else { Vec::new() };
-        let moves = self.given.iter().zip(if used { &cameras } else { &self.given });
-        let moves: Vec<[f32; 2]> = moves.map(|(from, to)| motion(from, to, extent)).collect();
+        Ok(())
+    }
+
+    fn report_on(&self, cameras: &[Camera], extent: f32) -> PosesReport {
+        let pairs = || self.given.iter().zip(cameras);
+        let pixels = pairs().zip(&self.state.of_views).map(|((from, to), view)| view.descent.distance(from, to) as f32);
+        let (median_px, _) = median_and_most(pixels.collect());
+        let moves: Vec<[f32; 2]> = pairs().map(|(from, to)| motion(from, to, extent)).collect();
         let [degrees, percent] = [0, 1].map(|k| moves.iter().map(|motion| motion[k]).collect());
         let [(median_degrees, most_degrees), (median_percent, most_percent)] = [degrees, percent].map(median_and_most);
-        let report = PosesReport { used, gain_db, median_degrees, most_degrees, median_percent, most_percent };
-        self.state = State { of_views, report: Some(report) };
-        Ok(())
+        PosesReport { used: true, median_px, median_degrees, most_degrees, median_percent, most_percent }
     }
 }
 
-/// Gain in every other square of an image by an alignment with the other squares, dB; `None` where too few
-/// pixels count.
-async fn gain_db<R: Rasterizer<Scene3d>>(
-    scene: (&R, &R::Splats),
-    (camera, image): (&Camera, &PosedImage),
-    render: &RenderSettings,
-    (levels, least): (&[(u64, u32)], u32),
-) -> Result<Option<f64>, Error> {
-    let aligned = align(scene, (camera, image), render, (Part::Squares(false), levels, least)).await?;
-    let pixels = levels.last().map_or(1, |(pixels, _)| *pixels);
-    let sight = Sight::new(image, divisor(camera, pixels, least), render)?;
-    let before = sight.squared_error(scene, camera, render, Part::Squares(true)).await?;
-    let after = sight.squared_error(scene, &aligned, render, Part::Squares(true)).await?;
-    let gain = before.zip(after).map(|(before, after)| 10.0 * (before / after).log10());
-    Ok(gain.filter(|gain| gain.is_finite()))
+/// The divisor of the sides of images in the first steps, a power of two.
+fn coarsest(views: &[PosedView]) -> u32 {
+    let cameras = views.iter().map(|view| &view.camera);
+    let largest = cameras.max_by_key(|camera| u64::from(camera.width) * u64::from(camera.height));
+    largest.map_or(1, |camera| align::divisor(camera, FIRST_PIXELS))
 }
 
 /// Turn of a camera, degrees, and its distance from where it was, % of the extent.
@@ -237,23 +293,6 @@ fn motion(from: &Camera, to: &Camera, extent: f32) -> [f32; 2] {
     let turn = glam::DQuat::from_mat3(&(to.rotation * from.rotation.transpose()).as_dmat3());
     let degrees = turn.normalize().to_scaled_axis().length().to_degrees() as f32;
     [degrees, 100.0 * to.position().distance(from.position()) / extent]
-}
-
-/// Puts cameras back that were moved much farther than the others: their alignment went astray.
-fn leave_astray(given: &[Camera], cameras: &mut [Camera], extent: f32) {
-    let moves: Vec<f32> = given.iter().zip(&*cameras).map(|(a, b)| motion(a, b, extent).into_iter().sum()).collect();
-    let (median, _) = median_and_most(moves.clone());
-    for ((camera, given), moved) in cameras.iter_mut().zip(given).zip(moves) {
-        // True for NaN.
-        if !(moved <= ASTRAY * median) {
-            *camera = *given;
-        }
-    }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 fn median_and_most(mut values: Vec<f32>) -> (f32, f32) {
