@@ -17,13 +17,13 @@ fn refined_cameras_are_a_data_set_of_their_own() {
     };
     let run = train("20");
     assert!(
-        run.status == Some(0) && run.stderr.contains("20 steps are too few for 7 views; at least 51"),
+        run.status == Some(0) && run.stderr.contains("20 steps are too few for 7 views; at least 105"),
         "{}",
         run.stderr
     );
     assert!(!output.join("refined").exists());
-    let run = train("80");
-    assert!(run.status == Some(0) && run.stderr.contains("poses were refined: cameras turned by"), "{}", run.stderr);
+    let run = train("120");
+    assert!(run.status == Some(0) && run.stderr.contains("poses were refined: images moved by"), "{}", run.stderr);
     let refined = output.join("refined");
     let again = place.path().join("again");
     let words = ["train", text(&refined), "--allow-outside", "-o", text(&again), "--backend", "cpu", "-i", "20"];

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_moves_the_points_by_its_length_in_any_direction() {
+    fn a_step_moves_the_points_by_about_its_length_in_any_direction() {
         let (camera, points) = seen();
         for k in 0..6 {
             let mut gradient = [0.0; 6];
@@ -148,7 +148,8 @@ mod tests {
             let squared =
                 |&point: &Vec3| camera.project(point).unwrap().0.distance_squared(moved.project(point).unwrap().0);
             let px = (points.iter().map(squared).sum::<f32>() / points.len() as f32).sqrt();
-            assert!((px - 0.2).abs() < 0.02, "{k}: {px} px");
+            // Damping shortens steps whose turn and shift nearly cancel.
+            assert!((0.1..0.21).contains(&px), "{k}: {px} px");
             assert!((descent.distance(&camera, &moved) - 0.2).abs() < 1e-3);
             // A coordinate of the twist decreases where its derivative is positive.
             let turn = DQuat::from_mat3(&moved.rotation.as_dmat3()).to_scaled_axis().as_vec3();

@@ -32,9 +32,9 @@ gs_core::choices! {
         Off = "off": "Train with the cameras as they are",
         /// The cameras move along with the scene.
         On = "on": "Let the cameras move while the scene is trained",
-        /// Like [`Self::On`] if the cameras have moved their images by half a pixel after a part of the run.
+        /// Like [`Self::On`] if the cameras have moved farther after 40 % of the run than noise moves them.
         /// Otherwise they go back to where they were given, and stay there.
-        Auto = "auto": "As on, but back to the given poses if those are right to half a pixel",
+        Auto = "auto": "As on, but back to the given poses if cameras move no farther than by noise",
     }
 }
 
@@ -68,8 +68,10 @@ const FULL_AFTER: f32 = 0.4;
 /// Share of a run after which [`RefinePoses::Auto`] decides.
 const DECIDED_AFTER: f64 = 0.4;
 
-/// Least motion of the images, px, median over the views, with which [`RefinePoses::Auto`] refines the poses.
-const LEAST_PX: f32 = 0.5;
+/// Least motion of a view's image with which [`RefinePoses::Auto`] refines the poses, in the median over the
+/// views and relative to [`WAY`] / √n with n steps in a run: the way of steps in random directions is about
+/// as long. Exact poses move by 0.15 to 0.25 of it, poses that are wrong by half a degree by 0.8 to 3.
+const LEAST_MOTION: f64 = 0.4;
 
 /// Key of the cameras in the metadata of checkpoints.
 const KEY: &str = "refined-poses";
@@ -261,7 +263,11 @@ impl Poses {
         }
         gauge::keep(&self.given, &mut cameras, f64::from(extent));
         let report = self.report_on(&cameras, extent);
-        let used = refine == RefinePoses::On || progress < DECIDED_AFTER || report.median_px >= LEAST_PX;
+        let before = f64::from(step.saturating_sub(views.len() as u32)) / f64::from(iterations);
+        let decides = refine == RefinePoses::Auto && before < DECIDED_AFTER && progress >= DECIDED_AFTER;
+        let sides = cameras.iter().map(|camera| camera.width.max(camera.height) as f32).collect();
+        let least = LEAST_MOTION * WAY / steps.sqrt() * f64::from(median_and_most(sides).0);
+        let used = !decides || f64::from(report.median_px) >= least;
         self.state.report = Some(PosesReport { used, ..report });
         let cameras = if used { &cameras } else { &self.given };
         for ((view, camera), of_view) in views.iter_mut().zip(cameras).zip(&mut self.state.of_views) {
