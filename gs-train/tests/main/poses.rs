@@ -88,7 +88,8 @@ fn exact_poses_stay_as_they_are() {
     assert!(!auto.poses().unwrap().used, "{:?}", auto.poses());
     assert!(auto.views().train_cameras().eq(off.views().train_cameras()));
     let [off, auto] = [off, auto].map(|trainer| trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap());
-    assert!(auto.psnr > off.psnr - 0.5, "{} dB, {} dB", auto.psnr, off.psnr);
+    // The cameras moved until 40 % of the run.
+    assert!(auto.psnr > off.psnr - 1.5, "{} dB, {} dB", auto.psnr, off.psnr);
     assert!(auto.pose_matched.is_none());
 }
 

@@ -4,7 +4,8 @@
 //! numbers of the twist are therefore whitened: in the new coordinates, a step of length 1 moves the
 //! scene's points in the image by 1 px (root mean square) in whatever direction it goes. *Source:* Park
 //! et al. 2023, *CamP: Camera Preconditioning for Neural Radiance Fields*. The steps are those of
-//! Adam with one second moment for all six numbers, which does not depend on the choice of axes.
+//! Adam with one second moment for all six numbers, which does not depend on the choice of axes, and are
+//! shorter where the last gradients disagree.
 
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use gs_core::{Camera, CameraGradient};
@@ -96,7 +97,10 @@ impl Descent {
         if !(scale > 0.0) {
             return *camera;
         }
-        let mut twist = self.first.map(|value| -length * value / scale);
+        let mut twist = self.first.map(|value| value / scale);
+        // About 1 for gradients that agree with each other, and 0.4 for noise.
+        let agreement = twist.iter().map(|value| value * value).sum::<f64>().sqrt();
+        twist = twist.map(|value| -length * agreement * value);
         for i in (0..6).rev() {
             twist[i] = (twist[i] - (i + 1..6).map(|k| self.lower(k, i) * twist[k]).sum::<f64>()) / self.lower(i, i);
         }

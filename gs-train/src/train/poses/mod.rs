@@ -73,6 +73,9 @@ const DECIDED_AFTER: f64 = 0.4;
 /// as long. Exact poses move by 0.15 to 0.25 of it, poses that are wrong by half a degree by 0.8 to 3.
 const LEAST_MOTION: f64 = 0.4;
 
+/// The same, px: poses that are right to half a pixel are right.
+const LEAST_PX: f64 = 0.5;
+
 /// Key of the cameras in the metadata of checkpoints.
 const KEY: &str = "refined-poses";
 
@@ -267,7 +270,7 @@ impl Poses {
         let decides = refine == RefinePoses::Auto && before < DECIDED_AFTER && progress >= DECIDED_AFTER;
         let sides = cameras.iter().map(|camera| camera.width.max(camera.height) as f32).collect();
         let least = LEAST_MOTION * WAY / steps.sqrt() * f64::from(median_and_most(sides).0);
-        let used = !decides || f64::from(report.median_px) >= least;
+        let used = !decides || f64::from(report.median_px) >= least.max(LEAST_PX);
         self.state.report = Some(PosesReport { used, ..report });
         let cameras = if used { &cameras } else { &self.given };
         for ((view, camera), of_view) in views.iter_mut().zip(cameras).zip(&mut self.state.of_views) {
