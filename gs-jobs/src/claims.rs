@@ -210,7 +210,7 @@ impl Claims {
     /// checkpoints, and temporary files that are older than a lease.
     ///
     /// # Errors
-    /// [`Error::Path`] or [`Error::Store`] where the folder cannot be read, [`Error::Write`] where it
+    /// [`Error::Path`] where the folder cannot be read, [`Error::Write`] where it
     /// cannot be written to.
     pub fn sweep(&self) -> Result<(), Error> {
         let names = self.store.names(RUNS)?;
