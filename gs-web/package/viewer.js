@@ -252,7 +252,12 @@ async function bytesOf(source, { signal, progress }) {
 function nameOf(source) {
   if (source instanceof Blob) return source.name ?? "scene";
   if (source instanceof ArrayBuffer || ArrayBuffer.isView(source)) return "scene";
-  return decodeURIComponent(new URL(source, location.href).pathname.split("/").pop()) || "scene";
+  const name = new URL(source, location.href).pathname.split("/").pop() || "scene";
+  try {
+    return decodeURIComponent(name);
+  } catch {
+    return name; // a percent sign that escapes nothing
+  }
 }
 
 const STYLE = `

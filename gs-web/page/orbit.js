@@ -23,6 +23,7 @@ export class Orbit {
   look({ position, target, up, fov }) {
     const ahead = add(target, position, -1);
     const distance = Math.hypot(...ahead);
+    if (!(distance > 0)) throw new RangeError("a camera must look at another place than its own");
     Object.assign(this, { target, fov, distance, size: distance });
     this.up = up[1] > 0 ? 1 : -1;
     this.yaw = Math.atan2(ahead[0], ahead[2]);

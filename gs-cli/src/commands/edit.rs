@@ -18,25 +18,29 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-Operations, done in this order from left to right:
+Operations, done from left to right:
   move=X,Y,Z                      move, in units of the scene
-  turn=AXIS:DEGREES               turn about x, y, z or an axis X,Y,Z through the origin
+  turn=AXIS:DEGREES               turn about x, y, z or an axis X,Y,Z through the origin, right-handed
   scale=FACTOR                    scale about the origin
   scale-from=X,Y,Z,X,Y,Z,LENGTH   scale so that two points are LENGTH apart
   up=X,Y,Z                        turn so that this direction points up, which is -y
-  up=ground                       the same for the plane that most of the scene lies in
-  world                           take the coordinates of the world of the data set
-  crop=REGION                     remove what is outside of a region
-  cut=REGION                      remove what is inside of it
+  up=ground                       turn so that the ground is level: the plane, at most 45
+                                  degrees from level, that holds most Gaussians
+  crop=REGION                     remove what is outside a region
+  cut=REGION                      remove what is inside a region
   keep=FILTER                     remove Gaussians for which a filter is false
-  drop=FILTER                     remove those for which it is true
+  drop=FILTER                     remove Gaussians for which a filter is true
   add=FILE                        add the Gaussians of another file
 
 Regions: box:X,Y,Z,X,Y,Z (two corners), sphere:X,Y,Z,RADIUS, plane:X,Y,Z,OFFSET (where X x + Y y + Z z >= OFFSET), \
 polygon:X,Z,X,Z,X,Z (seen from above). What lies in a region is decided by the means of the Gaussians.
 
-Filters: opacity, size, thickness, x, y, z, red, green or blue; <, <=, > or >=; a number. Quote them for the shell: \
+Filters: opacity, size, thickness, x, y, z, red, green or blue; <, <=, > or >=; a number. Opacity and colours are 0 to 1; \
+size and thickness are standard deviations of the longest and the shortest axis. Quote filters for the shell: \
 'drop=opacity<0.02'.
+
+What moves, turns or scales a scene takes it out of its place in the world of its data set. gs convert --frame world \
+writes the coordinates of that world.
 
 Example:
   gs edit out room.ply 'drop=opacity<0.02' up=ground scale-from=0,0,0,1,0,0,2.5 crop=sphere:0,0,0,4";
@@ -97,7 +101,7 @@ struct Report {
     gaussians: usize,
     /// What each operation did, in words.
     operations: Vec<String>,
-    /// The frame of the written coordinates; `null` for those of the world.
+    /// The frame of the written coordinates in the world of the data set, if they have one.
     frame: Option<WorldFrame>,
     /// What the file lacks, in words.
     lost: Vec<String>,
@@ -112,18 +116,27 @@ pub(crate) fn run(args: &EditArgs) -> Result<(), Failure> {
         Edit::Add(path) => Some(path),
         _ => None,
     });
-    let inputs: Vec<PathBuf> = others.chain([&args.scene]).map(|path| scene::file_of(path)).collect();
+    let mut inputs: Vec<PathBuf> = others.chain([&args.scene]).map(|path| scene::file_of(path)).collect();
     output_folder::check_file(&args.to, &inputs)?;
     let mut file = scene::read_3d(&args.scene)?;
     output_folder::check_file(&args.to, &file.beside)?;
+    inputs.extend(file.beside.iter().cloned());
     let from = file.scene.len();
     let operations = args.operations.iter().map(|operation| operation.apply(&mut file)).collect::<Result<_, _>>()?;
-    let report = write(args, file, from, operations)?;
+    let report = write(args, &inputs, file, from, operations)?;
     output::answer(args.json, &report, || text(&report))
 }
 
-fn write(args: &EditArgs, file: File3d, from: usize, operations: Vec<String>) -> Result<Report, Failure> {
+fn write(
+    args: &EditArgs,
+    inputs: &[PathBuf],
+    file: File3d,
+    from: usize,
+    operations: Vec<String>,
+) -> Result<Report, Failure> {
     let options = WriteOptions3d::default().with(|s| s.trained_with = file.trained_with);
+    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
+    beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, inputs))?;
     let written = gs_io::write_3d(&args.to, &file.scene, &options).map_err(Failure::of_scene)?;
     let path = |path: &Path| path.display().to_string();
     Ok(Report {

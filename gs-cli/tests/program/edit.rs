@@ -71,12 +71,17 @@ fn only_what_moves_a_scene_takes_it_out_of_its_frame() {
     };
     assert_eq!(frame_after(&["drop=x>5"]), frame);
     assert_eq!(frame_after(&["move=1,0,0"]), WorldFrame::WORLD);
+    let [unplaced, add] = [&plain, &placed].map(|path| format!("add={}", path.display()));
+    refused(edit(&placed, &edited, &[&unplaced]), 2, "only one of the scenes has a frame");
+    refused(edit(&placed, &edited, &["scale=2", &add]), 2, "only one of the scenes has a frame");
     // The other scene is taken into the frame of this one.
-    let unplaced = format!("add={}", plain.display());
-    edit(&placed, &edited, &[&unplaced]).done();
-    let joined = read_3d(&edited).unwrap();
+    let [elsewhere, other] = ["elsewhere.ply", "other.ply"].map(|name| place.path().join(name));
+    let at_origin = options.with(|s| s.trained_with.frame.origin = glam::DVec3::new(0.0, 0.0, 0.1));
+    write_3d(&elsewhere, &read_3d(&plain).unwrap().scene, &at_origin).unwrap();
+    edit(&placed, &other, &[&format!("add={}", elsewhere.display())]).done();
+    let joined = read_3d(&other).unwrap();
     assert!(
-        (joined.scene.means[10] - Vec3::new(-4e4, 0.0, -5e5)).abs().max_element() < 0.1,
+        (joined.scene.means[10] - Vec3::new(-4e4, 0.0, -499_999.5)).abs().max_element() < 0.1,
         "{}",
         joined.scene.means[10]
     );
@@ -90,9 +95,9 @@ fn what_cannot_be_done_changes_nothing() {
         (&["crop=sphere:0,0,99,1"][..], 2, "crop=sphere:0,0,99,1: nothing would be left of the scene"),
         (&["drop=opacity<0.02", "shrink=2"], 2, "an operation is move="),
         (&["scale-from=1,1,1,1,1,1,2"], 2, "the two points are the same"),
-        (&["scale=1e38", "scale=1e38"], 2, "too far away or too large"),
+        (&["scale=1e38", "scale=1e38"], 2, "does not fit into numbers of 32 bits"),
         (&["add=nothing.ply"], 1, "nothing.ply"),
-        (&["up=ground"], 1, "there is no ground"),
+        (&["up=ground"], 1, "no ground was found"),
         (&[], 2, "OPERATION"),
     ] {
         refused(edit(&scene, &edited, operations), status, part);

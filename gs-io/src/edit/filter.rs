@@ -71,7 +71,7 @@ impl FromStr for Filter {
         let number = text[at + length..].trim();
         match number.parse::<f32>() {
             Ok(value) if value.is_finite() => Ok(Self { property, comparison, number: value }),
-            _ => Err(format!("`{number}` is not a number")),
+            _ => Err(format!("`{number}` is not a number of 32 bits")),
         }
     }
 }

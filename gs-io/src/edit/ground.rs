@@ -23,10 +23,14 @@ const FEWEST: usize = 100;
 /// The share of the Gaussians that lie in one layer of a scene with a ground.
 const SHARE: f64 = 0.1;
 
+/// How many times more there are than in the fullest layer across most other directions. Dense objects fill a layer
+/// across any direction.
+const MORE: usize = 2;
+
 /// Times that a plane is fitted to the layer that was found.
 const ROUNDS: usize = 5;
 
-/// The direction away from the plane that most of the scene lies in, among those near the scene's up direction.
+/// The direction away from the plane that holds most Gaussians, among those near the scene's up direction.
 /// `None` where no plane stands out.
 pub(super) fn up_of_ground(scene: &Scene3d) -> Option<DVec3> {
     let bulk = Bulk::of(scene)?;
@@ -35,9 +39,10 @@ pub(super) fn up_of_ground(scene: &Scene3d) -> Option<DVec3> {
     let stride = scene.len().div_ceil(SAMPLES);
     let places: Vec<DVec3> =
         scene.means.iter().step_by(stride).filter(near).map(|mean| (mean.as_dvec3() - center) / radius).collect();
-    let best = (0..DIRECTIONS).map(direction).map(|up| (fullest(&places, up), up));
-    let ((count, layer), up) = best.max_by_key(|((count, _), _)| *count)?;
-    if places.len() < FEWEST || (count as f64) < SHARE * places.len() as f64 {
+    let mut tried: Vec<_> = (0..DIRECTIONS).map(direction).map(|up| (fullest(&places, up), up)).collect();
+    tried.sort_unstable_by_key(|((count, _), _)| *count);
+    let (((usual, _), _), ((count, layer), up)) = (tried[DIRECTIONS / 2], tried[DIRECTIONS - 1]);
+    if places.len() < FEWEST || (count as f64) < SHARE * places.len() as f64 || count < MORE * usual {
         return None;
     }
     refined(&places, up, (layer as f64 + 0.5) / LAYERS - 1.0)
@@ -108,6 +113,13 @@ mod tests {
             let off = up.angle_between(tilt * DVec3::NEG_Y).to_degrees();
             assert!(off < 0.2, "{off}° off");
         }
+    }
+
+    #[test]
+    fn a_dense_ball_is_no_ground() {
+        let mut scene = table(glam::DQuat::IDENTITY, 0);
+        scene.means.iter_mut().step_by(2).for_each(|mean| *mean = 0.05 * *mean);
+        assert_eq!(up_of_ground(&scene), None);
     }
 
     #[test]

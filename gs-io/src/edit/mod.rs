@@ -13,7 +13,7 @@ use self::ground::up_of_ground;
 use crate::{
     any_scene::{AnyScene, Values, read_scene},
     error::Error,
-    scene3d::{File3d, move_scene, transform_scene},
+    scene3d::{File3d, transform_scene},
     world_frame::WorldFrame,
 };
 
@@ -52,10 +52,8 @@ pub enum Edit {
         length: f64,
     },
     /// Turns about the origin so that a direction, of any length but 0, points up, which is −y. `None` stands for
-    /// the direction across the plane that most of the scene lies in, among those within 45° of −y.
+    /// the direction across the plane that holds most Gaussians, among those within 45° of −y.
     Up(Option<DVec3>),
-    /// Takes the coordinates of the world of the scene's data set.
-    World,
     /// Removes Gaussians by their means.
     Crop {
         /// The region.
@@ -71,7 +69,8 @@ pub enum Edit {
         keep: bool,
     },
     /// Adds the Gaussians of another 3D scene: a scene file, a checkpoint or an output folder. Where both scenes
-    /// have frames in a world, it is taken to be the same world.
+    /// have frames in a world, it is taken to be the same world, and the other scene is moved into the frame of this
+    /// one. How the other scene was trained is not kept.
     Add(PathBuf),
 }
 
@@ -86,11 +85,17 @@ pub enum EditError {
     #[error("the two points are the same")]
     SamePoints,
     /// Numbers of 32 bits don't hold the result.
-    #[error("the scene would be too far away or too large for numbers of 32 bits")]
+    #[error("the result does not fit into numbers of 32 bits")]
     TooFar,
     /// The scene lies in no plane.
-    #[error("there is no ground: give the direction, as in up=0,-1,0")]
+    #[error("no ground was found: name the direction that should point up, as in up=0.1,-1,0")]
     NoGround,
+    /// One of two scenes has a frame in a world, and the other has none.
+    #[error(
+        "only one of the scenes has a frame in a world, so their places do not fit together: join them before one is \
+         moved, or take both out of their frames, as move=0,0,0 does"
+    )]
+    OtherWorld,
     /// The other scene cannot be read.
     #[error(transparent)]
     Read(Box<Error>),
@@ -104,7 +109,7 @@ impl From<Error> for EditError {
 
 /// How operations are written.
 const FORMS: &str = "move=X,Y,Z, turn=AXIS:DEGREES, scale=FACTOR, scale-from=X,Y,Z,X,Y,Z,LENGTH, up=X,Y,Z, \
-     up=ground, world, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER or add=FILE";
+     up=ground, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER or add=FILE";
 
 const REGIONS: &str = "box:X,Y,Z,X,Y,Z, sphere:X,Y,Z,RADIUS, plane:X,Y,Z,OFFSET or polygon:X,Z,X,Z,X,Z";
 
@@ -132,7 +137,6 @@ impl FromStr for Edit {
                 Some(up) => Ok(Self::Up(Some(up))),
                 None => Err("write it as up=X,Y,Z, a direction, or up=ground".to_owned()),
             },
-            "world" if value.is_empty() => Ok(Self::World),
             "crop" | "cut" => region(value)
                 .map(|region| Self::Crop { region, keep_inside: name == "crop" })
                 .ok_or_else(|| written(REGIONS)),
@@ -190,9 +194,9 @@ impl Edit {
     pub fn apply(&self, scene: &mut Scene3d, frame: &mut WorldFrame) -> Result<String, EditError> {
         match self {
             Self::Move(shift) => moved(scene, frame, DAffine3::from_translation(*shift), || "moved".to_owned()),
-            Self::Turn { axis, angle } => moved(scene, frame, turned(DQuat::from_axis_angle(*axis, *angle)), || {
-                format!("turned by {}°", angle.to_degrees())
-            }),
+            Self::Turn { axis, angle } => {
+                moved(scene, frame, turned(DQuat::from_axis_angle(*axis, *angle)), || "turned".to_owned())
+            }
             Self::Scale(factor) => scaled(scene, frame, *factor),
             Self::ScaleFrom { points: [a, b], length } => match length / a.distance(*b) {
                 factor if factor.is_finite() => scaled(scene, frame, factor),
@@ -203,12 +207,6 @@ impl Edit {
                 moved(scene, frame, turned(DQuat::from_rotation_arc(up.normalize(), UP)), || {
                     format!("{} now points up", words(up.normalize().as_vec3()))
                 })
-            }
-            Self::World => {
-                let before = std::mem::take(frame);
-                move_scene(scene, &before, frame);
-                scene.validate().map_err(|_| EditError::TooFar)?;
-                Ok(format!("before, {before}"))
             }
             Self::Crop { region, keep_inside } => {
                 let keep = scene.means.iter().map(|mean| region.contains(*mean) == *keep_inside).collect();
@@ -261,13 +259,18 @@ fn kept(scene: &mut Scene3d, keep: Vec<bool>) -> Result<String, EditError> {
 
 /// Adds a scene. Where both are in frames of a world, it is the same world.
 fn added(scene: &mut Scene3d, frame: WorldFrame, mut other: File3d) -> Result<String, EditError> {
+    let other_frame = other.trained_with.frame;
+    if other_frame != frame && (other_frame.is_world() || frame.is_world()) {
+        return Err(EditError::OtherWorld);
+    }
     other.move_to(frame);
     other.scene.validate().map_err(|_| EditError::TooFar)?;
     let (number, before) = (other.scene.len(), scene.sh_degree);
     scene.append(other.scene);
     let degree = scene.sh_degree;
     let degrees = if before == degree { String::new() } else { format!("; SH degree {before} became {degree}") };
-    Ok(format!("added {}{degrees}", counted(number, "Gaussian")))
+    let losses: String = other.losses.iter().map(|loss| format!("; {loss}")).collect();
+    Ok(format!("added {}{degrees}{losses}", counted(number, "Gaussian")))
 }
 
 fn words(v: Vec3) -> String {
@@ -300,7 +303,7 @@ mod tests {
             ("scale=0", "above 0"),
             ("scale-from=0,0,0,1,0,0,-2", "how far apart"),
             ("up=0,0,0", "a direction"),
-            ("world=1", "an operation is"),
+            ("world", "an operation is"),
             ("crop=sphere:0,0,0,0", "sphere:X,Y,Z,RADIUS"),
             ("crop=polygon:0,0,1,1", "polygon:X,Z,X,Z,X,Z"),
             ("drop=opacity", "such as opacity<0.02"),

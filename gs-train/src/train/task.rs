@@ -141,7 +141,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         self.exposures.report()
     }
 
-    /// What was found about the poses of the training views, if they have been aligned.
+    /// What was found about the poses of the training views, once an epoch has ended.
     pub(super) fn poses_report(&self) -> Option<PosesReport> {
         self.poses.report()
     }

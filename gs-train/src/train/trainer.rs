@@ -139,7 +139,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         self.task.exposure_report()
     }
 
-    /// What was found about the poses of the training views' cameras; `None` before the first alignment, or
+    /// What was found about the poses of the training views' cameras; `None` before the first epoch ends, or
     /// where they are not refined ([`RefinePoses`](super::RefinePoses)).
     pub fn poses(&self) -> Option<PosesReport> {
         self.task.poses_report()

@@ -34,9 +34,9 @@ INTRODUCTION = """\
 This contains these crates, Rust's standard library, and what the linker adds to a program. The
 licence texts follow."""
 ZIG = Path(ziglang.__file__).parent
-# What the linker adds: a library for the compiler, and on Windows the start of C programs.
-LINKED = {"Zig's compiler-rt": "LICENSE"}
-LINKED_ON_WINDOWS = {"mingw-w64": "lib/libc/mingw/COPYING", "LLVM's libunwind": "lib/libunwind/LICENSE.TXT"}
+# What the linker adds: libraries for the compiler, and on Windows the start of C programs.
+LINKED = {"Zig's compiler-rt": "LICENSE", "LLVM's libunwind": "lib/libunwind/LICENSE.TXT"}
+LINKED_ON_WINDOWS = {"mingw-w64": "lib/libc/mingw/COPYING"}
 CODE = {".rs", ".c", ".h", ".py", ".html", ".toml", ".json"}
 
 

@@ -35,7 +35,7 @@ impl Tools {
         web::need_std_sources(install)?;
         web::need_npm()?;
         let python = python::with_environments(11, install)?
-            .ok_or("there is no Python 3.11 or later with the module venv; --install installs it")?;
+            .ok_or("there is no Python 3.11 or later with the module venv: Debian 12 and Ubuntu 24.04 have one")?;
         let tools = Self { folder: target().join("dist-tools"), epoch: epoch()? };
         step(Command::new(python).args(["-m", "venv"]).arg(tools.folder.join("python")))?;
         let mut pip = tools.command("python");

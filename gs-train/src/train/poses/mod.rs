@@ -69,8 +69,9 @@ const FULL_AFTER: f32 = 0.4;
 const DECIDED_AFTER: f64 = 0.4;
 
 /// Least motion of a view's image with which [`RefinePoses::Auto`] refines the poses, in the median over the
-/// views and relative to [`WAY`] / √n with n steps in a run: the way of steps in random directions is about
-/// as long. Exact poses move by 0.15 to 0.25 of it, poses that are wrong by half a degree by 0.8 to 3.
+/// views and relative to [`WAY`] / √n with n steps in a run, as for steps in random directions. Where the steps
+/// did not become shorter with disagreeing gradients, exact poses moved by 0.15 to 0.25 of it, poses that were wrong
+/// by half a degree by 0.8 to 3.
 const LEAST_MOTION: f64 = 0.4;
 
 /// The same, px: poses that are right to half a pixel are right.
@@ -120,6 +121,8 @@ pub struct PosesReport {
 struct State {
     /// Report after the last epoch.
     report: Option<PosesReport>,
+    /// Whether [`RefinePoses::Auto`] has decided.
+    decided: bool,
     /// Views of the steps since then, and the gradients of these steps by the pose.
     gradients: Vec<(usize, [f32; 6])>,
     /// For each training view; empty where poses are not refined.
@@ -234,6 +237,8 @@ impl Poses {
         }
         let mut gradients = Vec::with_capacity(self.sent.len());
         on.camera_gradients(splats, Wait::All, &mut gradients).await?;
+        // A restart after divergence loses those of the steps before it.
+        self.sent.drain(..self.sent.len().saturating_sub(gradients.len()));
         self.state.gradients.extend(self.sent.drain(..).zip(gradients.iter().map(by_pose)));
         Ok(())
     }
@@ -266,8 +271,8 @@ impl Poses {
         }
         gauge::keep(&self.given, &mut cameras, f64::from(extent));
         let report = self.report_on(&cameras, extent);
-        let before = f64::from(step.saturating_sub(views.len() as u32)) / f64::from(iterations);
-        let decides = refine == RefinePoses::Auto && before < DECIDED_AFTER && progress >= DECIDED_AFTER;
+        let decides = refine == RefinePoses::Auto && !self.state.decided && progress >= DECIDED_AFTER;
+        self.state.decided |= decides;
         let sides = cameras.iter().map(|camera| camera.width.max(camera.height) as f32).collect();
         let least = LEAST_MOTION * WAY / steps.sqrt() * f64::from(median_and_most(sides).0);
         let used = !decides || f64::from(report.median_px) >= least.max(LEAST_PX);
