@@ -19,18 +19,17 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 Operations, done from left to right:
-  move=X,Y,Z                      move, in units of the scene
-  turn=AXIS:DEGREES               turn about x, y, z or an axis X,Y,Z through the origin, right-handed
-  scale=FACTOR                    scale about the origin
-  scale-from=X,Y,Z,X,Y,Z,LENGTH   scale so that two points are LENGTH apart
-  up=X,Y,Z                        turn so that this direction points up, which is -y
-  up=ground                       turn so that the ground is level: the plane, at most 45
-                                  degrees from level, that holds most Gaussians
-  crop=REGION                     remove what is outside a region
-  cut=REGION                      remove what is inside a region
-  keep=FILTER                     remove Gaussians for which a filter is false
-  drop=FILTER                     remove Gaussians for which a filter is true
-  add=FILE                        add the Gaussians of another file
+  move=X,Y,Z: move, in units of the scene
+  turn=AXIS:DEGREES: turn about x, y, z or an axis X,Y,Z through the origin, right-handed
+  scale=FACTOR: scale about the origin
+  scale-from=X,Y,Z,X,Y,Z,LENGTH: scale so that two points are LENGTH apart
+  up=X,Y,Z: turn so that this direction points up, which is -y
+  up=ground: turn so that the ground is level: the plane, at most 45 degrees from level, that holds most Gaussians
+  crop=REGION: remove what is outside a region
+  cut=REGION: remove what is inside a region
+  keep=FILTER: remove Gaussians for which a filter is false
+  drop=FILTER: remove Gaussians for which a filter is true
+  add=FILE: add the Gaussians of another file
 
 Regions: box:X,Y,Z,X,Y,Z (two corners), sphere:X,Y,Z,RADIUS, plane:X,Y,Z,OFFSET (where X x + Y y + Z z >= OFFSET), \
 polygon:X,Z,X,Z,X,Z (seen from above). What lies in a region is decided by the means of the Gaussians.
