@@ -111,7 +111,9 @@ def test_3d_files(scene_3d: gs.Scene3d, tmp_path: Path, name: str) -> None:
 def test_edited_scenes(scene_3d: gs.Scene3d, tmp_path: Path) -> None:
     scene_3d.save(tmp_path / "scene.ply")
     edited = scene_3d.edited("scale=2", "move=0,0,1", f"add={tmp_path / 'scene.ply'}")
-    np.testing.assert_allclose(edited.means[: len(scene_3d)], 2 * scene_3d.means + [0, 0, 1], rtol=1e-6)
+    np.testing.assert_allclose(
+        edited.means[: len(scene_3d)], 2 * scene_3d.means + [0, 0, 1], rtol=1e-6
+    )
     np.testing.assert_array_equal(edited.means[len(scene_3d) :], scene_3d.means)
     below = float(np.median(scene_3d.means[:, 1]))
     assert (scene_3d.edited(f"keep=y<={below}").means[:, 1] <= below).all()
