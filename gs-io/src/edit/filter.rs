@@ -8,7 +8,7 @@ use gs_core::{Scene3d, math::sh, sigmoid};
 /// A property: its name, and its value for a Gaussian.
 type Property = (&'static str, fn(&Scene3d, usize) -> f32);
 
-/// The properties. A size is that of the longest or the shortest axis: one standard deviation, in units of the scene.
+/// The properties. Sizes are standard deviations along the longest or the shortest axis, in units of the scene.
 const PROPERTIES: [Property; 9] = [
     ("opacity", |scene, i| sigmoid(scene.opacity_logits[i])),
     ("size", |scene, i| scene.log_scales[i].max_element().exp()),

@@ -9,7 +9,7 @@ use gs_core::{Scene as _, Scene3d, view::Bulk};
 const DIRECTIONS: usize = 4000;
 
 /// The largest angle between the ground's up direction and that of the scene, rad: walls are no ground.
-const MOST: f64 = FRAC_PI_4;
+const MOST_TILT: f64 = FRAC_PI_4;
 
 /// Most Gaussians that are looked at.
 const SAMPLES: usize = 20_000;
@@ -25,7 +25,7 @@ const SHARE: f64 = 0.1;
 
 /// How many times more there are than in the fullest layer across most other directions. Dense objects fill a layer
 /// across any direction.
-const MORE: usize = 2;
+const ABOVE_USUAL: usize = 2;
 
 /// Times that a plane is fitted to the layer that was found.
 const ROUNDS: usize = 5;
@@ -42,15 +42,15 @@ pub(super) fn up_of_ground(scene: &Scene3d) -> Option<DVec3> {
     let mut tried: Vec<_> = (0..DIRECTIONS).map(direction).map(|up| (fullest(&places, up), up)).collect();
     tried.sort_unstable_by_key(|((count, _), _)| *count);
     let (((usual, _), _), ((count, layer), up)) = (tried[DIRECTIONS / 2], tried[DIRECTIONS - 1]);
-    if places.len() < FEWEST || (count as f64) < SHARE * places.len() as f64 || count < MORE * usual {
+    if places.len() < FEWEST || (count as f64) < SHARE * places.len() as f64 || count < ABOVE_USUAL * usual {
         return None;
     }
     refined(&places, up, (layer as f64 + 0.5) / LAYERS - 1.0)
 }
 
-/// A direction of a spiral around −y, as far as [`MOST`] from it.
+/// A direction of a spiral around −y, as far as [`MOST_TILT`] from it.
 fn direction(index: usize) -> DVec3 {
-    let height = 1.0 - (1.0 - MOST.cos()) * (index as f64 + 0.5) / DIRECTIONS as f64;
+    let height = 1.0 - (1.0 - MOST_TILT.cos()) * (index as f64 + 0.5) / DIRECTIONS as f64;
     let (sin, cos) = (index as f64 * PI * (3.0 - 5f64.sqrt())).sin_cos();
     let across = (1.0 - height * height).sqrt();
     DVec3::new(across * cos, -height, across * sin)

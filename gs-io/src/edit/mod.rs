@@ -1,4 +1,4 @@
-//! Operations on finished 3D scenes: moving, cropping, filtering, joining.
+//! Edits of 3D scenes: moving, cropping, filtering by a property, joining.
 
 mod filter;
 mod ground;
@@ -193,10 +193,8 @@ impl Edit {
     /// [`EditError`]. The scene may have changed.
     pub fn apply(&self, scene: &mut Scene3d, frame: &mut WorldFrame) -> Result<String, EditError> {
         match self {
-            Self::Move(shift) => moved(scene, frame, DAffine3::from_translation(*shift), || "moved".to_owned()),
-            Self::Turn { axis, angle } => {
-                moved(scene, frame, turned(DQuat::from_axis_angle(*axis, *angle)), || "turned".to_owned())
-            }
+            Self::Move(shift) => moved(scene, frame, DAffine3::from_translation(*shift), "moved"),
+            Self::Turn { axis, angle } => moved(scene, frame, turned(DQuat::from_axis_angle(*axis, *angle)), "turned"),
             Self::Scale(factor) => scaled(scene, frame, *factor),
             Self::ScaleFrom { points: [a, b], length } => match length / a.distance(*b) {
                 factor if factor.is_finite() => scaled(scene, frame, factor),
@@ -204,9 +202,9 @@ impl Edit {
             },
             Self::Up(direction) => {
                 let up = direction.or_else(|| up_of_ground(scene)).ok_or(EditError::NoGround)?;
-                moved(scene, frame, turned(DQuat::from_rotation_arc(up.normalize(), UP)), || {
-                    format!("{} now points up", words(up.normalize().as_vec3()))
-                })
+                let up = up.normalize();
+                let done = format!("({:.3}, {:.3}, {:.3}) now points up", up.x, up.y, up.z);
+                moved(scene, frame, turned(DQuat::from_rotation_arc(up, UP)), &done)
             }
             Self::Crop { region, keep_inside } => {
                 let keep = scene.means.iter().map(|mean| region.contains(*mean) == *keep_inside).collect();
@@ -224,18 +222,13 @@ impl Edit {
     }
 }
 
-/// Applies a map. The coordinates are no longer those of a data set.
-fn moved(
-    scene: &mut Scene3d,
-    frame: &mut WorldFrame,
-    map: DAffine3,
-    what: impl FnOnce() -> String,
-) -> Result<String, EditError> {
+/// Applies a map, and says what that did. The coordinates are no longer those of a data set.
+fn moved(scene: &mut Scene3d, frame: &mut WorldFrame, map: DAffine3, done: &str) -> Result<String, EditError> {
     // Nothing is lost by rotations and scales.
     let _stretched = transform_scene(scene, &map);
     *frame = WorldFrame::WORLD;
     scene.validate().map_err(|_| EditError::TooFar)?;
-    Ok(what())
+    Ok(done.to_owned())
 }
 
 fn turned(rotation: DQuat) -> DAffine3 {
@@ -244,7 +237,7 @@ fn turned(rotation: DQuat) -> DAffine3 {
 
 fn scaled(scene: &mut Scene3d, frame: &mut WorldFrame, factor: f64) -> Result<String, EditError> {
     let map = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::splat(factor)));
-    moved(scene, frame, map, || format!("scaled by {factor}"))
+    moved(scene, frame, map, &format!("scaled by {factor}"))
 }
 
 /// Keeps some of the Gaussians.
@@ -271,10 +264,6 @@ fn added(scene: &mut Scene3d, frame: WorldFrame, mut other: File3d) -> Result<St
     let degrees = if before == degree { String::new() } else { format!("; SH degree {before} became {degree}") };
     let losses: String = other.losses.iter().map(|loss| format!("; {loss}")).collect();
     Ok(format!("added {}{degrees}{losses}", counted(number, "Gaussian")))
-}
-
-fn words(v: Vec3) -> String {
-    format!("({:.3}, {:.3}, {:.3})", v.x, v.y, v.z)
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ pub struct ColorMatched {
 /// Quality where errors of a view's pose do not count: the camera is aligned to the left half of its image,
 /// and the right half of the rendering from there is measured.
 ///
-/// *Source:* as for [`ColorMatched`]; the alignment is that of direct visual odometry (Kerl et al. 2013).
+/// *Source:* as for [`ColorMatched`]; cameras are aligned as in direct visual odometry (Kerl et al. 2013).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]

@@ -3,8 +3,8 @@
 //! A turn and a shift of a camera often move its image nearly alike, and in different units. The six
 //! numbers of the twist are therefore whitened: in the new coordinates, a step of length 1 moves the
 //! scene's points in the image by 1 px (root mean square) in whatever direction it goes. *Source:* Park
-//! et al. 2023, *CamP: Camera Preconditioning for Neural Radiance Fields*. The steps are those of
-//! Adam with one second moment for all six numbers, which does not depend on the choice of axes, and are
+//! et al. 2023, *CamP: Camera Preconditioning for Neural Radiance Fields*. Each step is one of
+//! Adam, with one second moment for all six numbers, which does not depend on the choice of axes. It is
 //! shorter where the last gradients disagree.
 
 use glam::{DQuat, DVec2, DVec3, Vec3};
