@@ -355,8 +355,8 @@ pub trait Optimizer<S: Scene>: Rasterizer<S> {
     /// [`Blend::Sum`](crate::effects::Blend::Sum), where the image is linear in the colours.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] under another blending or where the target has an alpha or a mask,
-    /// and those of [`Rasterizer::forward`].
+    /// [`Error::Unsupported`] under another blending or where the target has an alpha or a mask
+    /// or is [`TargetImage::compact`], and those of [`Rasterizer::forward`].
     fn solve_colors(
         &self,
         splats: &mut Self::Splats,

@@ -381,7 +381,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
         S::check(view, settings)?;
         target.check_size(S::size(view))?;
         if !target.is_complete() {
-            return Err(unsupported("solving for the colours where the target has an alpha or a mask"));
+            return Err(unsupported("solving for the colours where the target has an alpha or a mask, or is compact"));
         }
         S::check_solve_colors(settings)?;
         let pool = &S::resources(&self.resources).pool;

@@ -2,7 +2,7 @@
 
 use std::{ops::Range, sync::OnceLock};
 
-use gs_core::{Error, Loss, TargetImage, math, memory, rounded_to_8_bits, to_8_bits};
+use gs_core::{Error, Loss, TargetImage, math, memory, to_8_bits};
 use rayon::prelude::*;
 
 use crate::{
@@ -42,7 +42,7 @@ impl Target {
         let coverage = scalars(&grid, target.coverage().as_deref(), "a target's alpha and mask")?;
         let weights = scalars(&grid, target.weights, "a target's weights")?;
         let (mut rows, mut levels) = (grid.strips_of(target.image)?, Vec::new());
-        if target.compact && target.image.pixels().as_flattened().iter().all(|&value| is_level(value)) {
+        if target.compact && target.is_8_bit() {
             levels = memory::reserved(rows.len(), "a target")?;
             levels.extend(rows.iter().map(|Row(channels)| channels.map(|values| values.map(to_8_bits))));
             rows = Vec::new();
@@ -115,11 +115,6 @@ fn scalars(grid: &Grid, of_pixels: Option<&[f32]>, what: &'static str) -> Result
         }
     }
     Ok(rows)
-}
-
-/// Whether a value is one of the 256 that an 8-bit file holds.
-fn is_level(value: f32) -> bool {
-    rounded_to_8_bits(value).to_bits() == value.to_bits()
 }
 
 /// What D-SSIM needs of a target y: y, b(y) and b(y²), where b is the blur.

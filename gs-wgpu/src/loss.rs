@@ -52,7 +52,8 @@ impl Tiles {
         if !target.is_complete {
             self.completed.ensure(gpu, pixels * PIXEL_BYTES)?;
             let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.completed.buffer];
-            dispatch(gpu, commands, "complete", Variant::default(), &bindings, groups_of(gpu, pixels, 256));
+            let variant = Variant { packed: target.is_8_bit, ..Variant::default() };
+            dispatch(gpu, commands, "complete", variant, &bindings, groups_of(gpu, pixels, 256));
         }
         let comparison = match loss {
             Loss::L2 => Comparison::Square,

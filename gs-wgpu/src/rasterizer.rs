@@ -346,7 +346,7 @@ impl<S: Kind> Optimizer<S> for WgpuRasterizer {
         S::check(view, settings)?;
         target.check_size(S::size(view))?;
         if !target.is_complete {
-            return Err(unsupported("solving for the colours where the target has an alpha or a mask"));
+            return Err(unsupported("solving for the colours where the target has an alpha or a mask, or is compact"));
         }
         S::solve_colors(&self.gpu, &self.pools, splats, view, target, settings, iterations).await
     }

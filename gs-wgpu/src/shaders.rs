@@ -18,6 +18,7 @@ use gs_core::constants::{
 use crate::{
     collect::Collected,
     layout::{BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK},
+    target::EXCLUDED,
 };
 
 /// Columns of a tile.
@@ -64,7 +65,7 @@ pub(crate) struct Variant {
     pub(crate) weighted: bool,
     /// `project_bwd` also differentiates by the camera.
     pub(crate) camera: bool,
-    /// Adam's moments of SH coefficients are in `MomentFormat::Bf16`.
+    /// Adam's moments of SH coefficients are in `MomentFormat::Bf16`; for `complete`, the target is in 8 bits.
     pub(crate) packed: bool,
     /// `project` counts tiles for new lists.
     pub(crate) lists: bool,
@@ -224,7 +225,7 @@ fn prelude(variant: Variant) -> String {
     let batch = (16 * 1024 / 4 / (stride * parts)).min(8);
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {TILE_ROWS}u;\nconst ROWS: u32 = {ROWS}u;\n\
-         const HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
+         const HELD: u32 = {HELD}u;\nconst EXCLUDED: u32 = {EXCLUDED}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
          const SORT_BLOCK: u32 = {SORT_BLOCK}u;\n\
          const SSIM_SEGMENT: u32 = {SSIM_SEGMENT}u;\nconst SSIM_BLOCK: u32 = {SSIM_BLOCK}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n\

@@ -1,6 +1,6 @@
 //! Target images as a program passes them to a backend.
 
-use super::Image;
+use super::{Image, rounded_to_8_bits};
 use crate::error::Error;
 
 /// A target image, with optional alpha, mask and weights.
@@ -65,6 +65,13 @@ impl TargetImage<'_> {
         }
     }
 
+    /// Whether each colour and each alpha is one of the 256 values that an 8-bit file holds.
+    pub fn is_8_bit(&self) -> bool {
+        let is_level = |value: &f32| rounded_to_8_bits(*value).to_bits() == value.to_bits();
+        let colors = self.image.pixels().as_flattened();
+        colors.iter().chain(self.alpha.into_iter().flatten()).all(is_level)
+    }
+
     /// Alpha of each pixel, or −1 where it does not count, for [`completed`]. `None` where all
     /// pixels are opaque and count.
     pub fn coverage(&self) -> Option<Vec<f32>> {
@@ -118,6 +125,16 @@ mod tests {
             assert!(matches!(wrong.validate(), Err(Error::Setting { .. })), "{weight}");
         }
         TargetImage { weights: Some(&[0.0, 7.5]), ..plain }.validate().unwrap();
+    }
+
+    #[test]
+    fn values_of_8_bit_files_are_found() {
+        let image = Image::from_pixels(2, 1, vec![[0.0, 1.0, 100.0 / 255.0], [0.2; 3]]).unwrap();
+        let with_alpha = |alpha| TargetImage { alpha: Some(alpha), ..TargetImage::from(&image) };
+        assert!(TargetImage::from(&image).is_8_bit());
+        assert!(with_alpha(&[0.0, 1.0]).is_8_bit());
+        assert!(!with_alpha(&[0.0, 0.5]).is_8_bit());
+        assert!(!TargetImage::from(&Image::filled(1, 1, [0.3 + 1e-6; 3]).unwrap()).is_8_bit());
     }
 
     #[test]

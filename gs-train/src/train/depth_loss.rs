@@ -292,7 +292,7 @@ fn rendered_samples(values: &[f32], rendered: &Image) -> Vec<Sample> {
 }
 
 /// Uploads the inverse depths of a view's map at 1/`factor` of its image's size, for `camera`; also
-/// returns the number of floats. Pixels do not count where the map's value is unknown, or where the
+/// returns the number of bytes. Pixels do not count where the map's value is unknown, or where the
 /// image is masked or rather transparent than opaque.
 fn target<R: Optimizer<Scene3d>>(
     on: &R,
@@ -316,7 +316,7 @@ fn target<R: Optimizer<Scene3d>>(
     let unit = if counted > 0 { (counted as f64 / sum) as f32 } else { 0.0 };
     let image = Image::from_pixels(camera.width, camera.height, inverse.into_iter().map(|v| [v; 3]).collect())?;
     let target = TargetImage { mask: Some(&mask), ..TargetImage::from(&image) };
-    Ok((Target { image: on.upload_target(target)?, unit }, 4 * mask.len() as u64))
+    Ok((Target { image: on.upload_target(target)?, unit }, (4 * size_of::<f32>() * mask.len()) as u64))
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ impl<T> Images<T> {
     }
 
     /// The target of view `index` at 1/`factor` of its size, which `make` makes if it is not there,
-    /// with its number of floats.
+    /// with its number of bytes.
     ///
     /// # Errors
     /// Those of `make`.
@@ -55,8 +55,7 @@ impl<T> Images<T> {
             Entry::Occupied(target) => return Ok(target.into_mut()),
             Entry::Vacant(place) => place,
         };
-        let (target, floats) = make()?;
-        let bytes = floats * size_of::<f32>() as u64;
+        let (target, bytes) = make()?;
         if self.bytes + bytes > self.limit {
             return Ok(self.passing.insert(target));
         }
@@ -81,7 +80,7 @@ pub(crate) fn training_image(view: &PosedView, factor: u32, map: Option<&ColorMa
 }
 
 /// Uploads an image as target, over `background` if there is one, or else with its alpha; also
-/// returns its number of floats.
+/// returns its number of bytes.
 pub(crate) fn target<R: Rasterizer<Scene3d>>(
     on: &R,
     posed: PosedImage,
@@ -94,6 +93,8 @@ pub(crate) fn target<R: Rasterizer<Scene3d>>(
         None => (posed.image, posed.alpha),
     };
     let target = TargetImage { alpha: alpha.as_deref(), mask: mask.as_deref(), compact, ..TargetImage::from(&image) };
-    let floats = if alpha.is_none() && mask.is_none() { 3 } else { 4 };
-    Ok((on.upload_target(target)?, floats * image.pixels().len() as u64))
+    let float = size_of::<f32>() as u64;
+    let coverage = if alpha.is_none() && mask.is_none() { 0 } else { float };
+    let bytes = coverage + if compact && target.is_8_bit() { 4 } else { 3 * float };
+    Ok((on.upload_target(target)?, bytes * image.pixels().len() as u64))
 }

@@ -12,27 +12,32 @@ use crate::{failure::Failure, subject::Subject};
 
 /// A target with alpha and mask equals the target that was completed by hand: blended with the
 /// background, and with the rendered colours where the mask excludes a pixel. Losses, gradients,
-/// steps and statistics agree within rounding; the loss alone equals that with gradients.
+/// steps and statistics agree within rounding, also where the target is compact; the loss alone equals
+/// that with gradients.
 pub(crate) fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = S::typical(blend, 20, (37, 25), 1301).on([0.2, 0.7, 0.4]);
-        let image = draw.target()?;
+        let image = draw.target()?.rounded_to_8_bits();
         let splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
         let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
         let rendered = rasterizer.image(&pass).block_on()?;
         let pixels = image.pixels().len();
-        let alpha: Vec<f32> = (0..pixels).map(|i| (i % 5) as f32 / 4.0).collect();
+        let alpha: Vec<f32> = (0..pixels).map(|i| (i % 6) as f32 / 5.0).collect();
         let mask: Vec<bool> = (0..pixels).map(|i| i % 7 != 3 && i > pixels / 4).collect();
         let background = draw.settings.background_color();
-        for (alpha, mask) in [(Some(&alpha[..]), None), (None, Some(&mask[..])), (Some(&alpha[..]), Some(&mask[..]))] {
+        let (alpha, mask) = (Some(&alpha[..]), Some(&mask[..]));
+        for (alpha, mask) in [(None, None), (alpha, None), (None, mask), (alpha, mask)] {
             let incomplete = TargetImage { alpha, mask, ..TargetImage::from(&image) };
-            let coverage = incomplete.coverage().unwrap_or_default();
+            let coverage = incomplete.coverage().unwrap_or_else(|| vec![1.0; pixels]);
             let colors = image.pixels().iter().zip(rendered.pixels()).zip(&coverage);
             let colors = colors.map(|((target, rendered), &coverage)| {
                 std::array::from_fn(|k| completed(target[k], coverage, background[k], rendered[k]))
             });
             let complete = Image::from_pixels(image.width(), image.height(), colors.collect())?;
-            let targets = [rasterizer.upload_target(&complete)?, rasterizer.upload_target(incomplete)?];
+            let compact = TargetImage { compact: true, ..incomplete };
+            let targets = [TargetImage::from(&complete), incomplete, compact];
+            let targets =
+                targets.into_iter().map(|target| rasterizer.upload_target(target)).collect::<Result<Vec<_>, _>>()?;
             for loss in LOSSES {
                 let place = || format!("{blend:?}, {loss:?}, alpha {}, mask {}", alpha.is_some(), mask.is_some());
                 let mut of_targets = Vec::new();
@@ -55,10 +60,10 @@ pub(crate) fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rast
                     let numbers = rows.into_iter().flatten().collect::<Vec<_>>();
                     of_targets.push([vec![f64::from(value)], widened(&reported), numbers, widened(&statistics)]);
                 }
-                for (what, (expected, found)) in ["loss", "a step's loss", "gradients", "pixel errors"]
-                    .iter()
-                    .zip(of_targets[0].iter().zip(&of_targets[1]))
-                {
+                let (of_complete, of_others) = of_targets.split_first().expect("three targets");
+                let whats = ["loss", "a step's loss", "gradients", "pixel errors"].into_iter().cycle();
+                let pairs = of_others.iter().flat_map(|of_other| of_complete.iter().zip(of_other));
+                for (what, (expected, found)) in whats.zip(pairs) {
                     let most = expected.iter().fold(0.0f64, |most, v| most.max(v.abs()));
                     let close = expected.len() == found.len()
                         && expected.iter().zip(found).all(|(a, b)| (a - b).abs() <= 1e-4 * most);
