@@ -302,7 +302,8 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     let line = |words: &[&str]| gs(["study"].iter().chain(words)).refusal().to_owned();
     assert!(line(&["all-policy"]).contains(
         "those are set-up, cold-start, lazy-convergence, thresholds, instability, edges, absolute-vs-percentile, \
-         all-policies, accuracy-in-training, density-in-3d, init-by-density, accuracy-in-3d-training, defaults"
+         all-policies, accuracy-in-training, density-in-3d, init-by-density, accuracy-in-3d-training, \
+         start-without-sfm, defaults"
     ));
     assert!(line(&["no/such.toml"]).contains("no/such.toml: there is no such file"));
     assert!(line(&[place.path().to_str().unwrap()]).contains("is a folder: name the TOML file of a study"));

@@ -74,8 +74,9 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         trajectory: trajectory.rows().to_vec(),
         ..Finished::default()
     };
-    let pictures = S::measure(&trainer, &mut finished)?;
-    for (index, view) in finished.views.iter_mut().enumerate() {
+    let pictures = S::measure(&trainer, plan.study.align_poses, &mut finished)?;
+    let with_curves = if plan.study.align_poses { &mut [] } else { &mut finished.views[..] };
+    for (index, view) in with_curves.iter_mut().enumerate() {
         view.curve = trajectory.curve(index);
     }
     for &measure in &plan.study.measure {

@@ -1,11 +1,11 @@
 //! The studies that come with the program: six with the 2D experiments of the paper, three on the
-//! Kodak images, and four on 3D scenes.
+//! Kodak images, and five on 3D scenes.
 
 use super::definition::Study;
 use crate::error::Error;
 
 /// Name and TOML text of each built-in study.
-pub const BUILT_IN: [(&str, &str); 13] = [
+pub const BUILT_IN: [(&str, &str); 14] = [
     ("set-up", include_str!("../../studies/set-up.toml")),
     ("cold-start", include_str!("../../studies/cold-start.toml")),
     ("lazy-convergence", include_str!("../../studies/lazy-convergence.toml")),
@@ -18,6 +18,7 @@ pub const BUILT_IN: [(&str, &str); 13] = [
     ("density-in-3d", include_str!("../../studies/density-in-3d.toml")),
     ("init-by-density", include_str!("../../studies/init-by-density.toml")),
     ("accuracy-in-3d-training", include_str!("../../studies/accuracy-in-3d-training.toml")),
+    ("start-without-sfm", include_str!("../../studies/start-without-sfm.toml")),
     ("defaults", include_str!("../../studies/defaults.toml")),
 ];
 

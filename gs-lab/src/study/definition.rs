@@ -49,6 +49,12 @@ pub struct Study {
     /// What is measured of every run besides the usual; images only.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) measure: Vec<Measure>,
+    /// Whether held-out views are measured where errors of their poses do not count: the camera of each
+    /// is aligned to the left half of its image, and the right half is measured
+    /// ([`PoseMatched`](gs_train::train::PoseMatched)). Scenes only, at equal count only: curves over steps
+    /// and time are of whole views at the given poses.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) align_poses: bool,
     /// The arm that the report compares the others with; by default the first. The tables compare
     /// all pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -189,6 +195,10 @@ impl Study {
         }
         if !self.images.is_empty() && !self.dataset.is_default() {
             return Err(self.wrong("[dataset] is for scenes", "leave it out"));
+        }
+        if self.align_poses && (self.scenes.is_empty() || self.matchings != [Matching::Count]) {
+            let what = "align-poses is for scenes that are compared at their ends";
+            return Err(self.wrong(what, "leave it out, or set match = [\"count\"]"));
         }
         self.unrepeated("factor", &factors)?;
         self.listed("budgets", &self.budgets, "name at least one, such as budgets = [1000]")?;

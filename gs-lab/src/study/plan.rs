@@ -264,7 +264,8 @@ fn address(
     let clock = (study.clock != Clock::Wall).then(|| study.clock.unit());
     let measured = study.measure.iter().map(|measure| measure.name());
     let poses = arm.pose_error.map(|error| format!("{error:?}"));
-    let rest = start.into_iter().chain(clock).chain(measured).chain(poses.as_deref());
+    let aligned = study.align_poses.then_some("aligned poses");
+    let rest = start.into_iter().chain(clock).chain(measured).chain(poses.as_deref()).chain(aligned);
     Ok(digest::of_texts(all.into_iter().chain(rest)))
 }
 

@@ -1,5 +1,6 @@
 //! The laboratory from end to end.
 
+mod aligned_poses;
 mod claims;
 mod clock;
 mod comparisons;

@@ -45,6 +45,8 @@ pub struct PoseMatched {
     pub psnr: f64,
     /// Structural similarity of the right half.
     pub ssim: f64,
+    /// Mean absolute difference over the pixels of the right half that count.
+    pub l1: f64,
 }
 
 /// Quality of one view.
@@ -168,16 +170,16 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
     }
     let map = ColorMap::fit(&pairs, PRIOR);
     let measured = right_half(rendered, posed, background, |right| map.image(&right))?;
-    Ok(measured.map(|(psnr, ssim)| ColorMatched { psnr, ssim }))
+    Ok(measured.map(|PoseMatched { psnr, ssim, .. }| ColorMatched { psnr, ssim }))
 }
 
-/// PSNR and SSIM of the right half of a rendering after a change; `None` where none of its pixels counts.
+/// Quality of the right half of a rendering after a change; `None` where none of its pixels counts.
 fn right_half(
     rendered: &Image,
     posed: &PosedImage,
     background: [f32; 3],
     change: impl Fn(Image) -> Image,
-) -> Result<Option<(f64, f64)>, Error> {
+) -> Result<Option<PoseMatched>, Error> {
     let target = posed.clone().over(background)?;
     let (width, middle) = (target.width() as usize, target.width() as usize / 2);
     let right = |image: &Image| {
@@ -187,7 +189,8 @@ fn right_half(
     let half = |mask: &Vec<bool>| (0..mask.len()).filter(|i| i % width >= middle).map(|i| mask[i]).collect();
     let posed = PosedImage { image: right(&target)?, alpha: None, mask: posed.mask.as_ref().map(half) };
     let Some(pair) = measure(&change(right(rendered)?), posed, background)? else { return Ok(None) };
-    Ok(Some((pair.l1_and_psnr()?.1, metrics::ssim(&pair.rendered, &pair.target)?)))
+    let ((l1, psnr), ssim) = (pair.l1_and_psnr()?, metrics::ssim(&pair.rendered, &pair.target)?);
+    Ok(Some(PoseMatched { psnr, ssim, l1 }))
 }
 
 impl Pair {
@@ -238,7 +241,7 @@ pub(super) enum Matching {
 }
 
 /// Receives views of an evaluation on several threads: the number of a view, its image and its
-/// rendering, not clamped.
+/// rendering, not clamped; where poses are matched, the rendering from the aligned pose.
 pub type Look<'a> = dyn Fn(usize, &PosedImage, &Image) -> Result<(), Error> + Sync + 'a;
 
 /// [`evaluate`] for splats. Some views are rendered, one after the other; then they are measured at the
@@ -271,9 +274,9 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         }
         let measured = batch.par_iter().zip(renderings).enumerate().map(|(place, (view, (rendered, aligned)))| {
             let (posed, background) = (view.image()?, render.background_color());
-            look(first + place, &posed, &rendered)?;
+            look(first + place, &posed, aligned.as_ref().unwrap_or(&rendered))?;
             let at_pose = aligned.map(|aligned| right_half(&aligned, &posed, background, |right| right)).transpose()?;
-            let pose_matched = at_pose.flatten().map(|(psnr, ssim)| PoseMatched { psnr, ssim });
+            let pose_matched = at_pose.flatten();
             let quality = quality_of(&view.name, rendered, posed, background)?;
             Ok::<_, Error>(quality.map(|quality| ViewQuality { pose_matched, ..quality }))
         });
@@ -299,6 +302,7 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     let pose_matched = (!at_poses.is_empty()).then(|| PoseMatched {
         psnr: metrics::mean(at_poses.iter().map(|m| m.psnr)),
         ssim: metrics::mean(at_poses.iter().map(|m| m.ssim)),
+        l1: metrics::mean(at_poses.iter().map(|m| m.l1)),
     });
     let ms_ssims: Vec<f64> = qualities.iter().filter_map(|view| view.ms_ssim).collect();
     let ms_ssim = (!ms_ssims.is_empty()).then(|| metrics::mean(&ms_ssims));

@@ -171,7 +171,19 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Those of the backend, of reading an image, and of `look`.
     pub async fn evaluate(&self, look: &Look<'_>) -> Result<Evaluation, Error> {
         let refined = self.poses().is_some_and(|poses| poses.used);
-        let matching = if refined { Matching::Poses } else { Matching::Colors };
+        self.evaluate_matched(if refined { Matching::Poses } else { Matching::Colors }, look).await
+    }
+
+    /// [`Self::evaluate`], also at poses that are aligned to the left halves of the images
+    /// ([`PoseMatched`](super::PoseMatched)), whether or not this run refines poses.
+    ///
+    /// # Errors
+    /// Those of [`Self::evaluate`].
+    pub async fn evaluate_aligned(&self, look: &Look<'_>) -> Result<Evaluation, Error> {
+        self.evaluate_matched(Matching::Poses, look).await
+    }
+
+    async fn evaluate_matched(&self, matching: Matching, look: &Look<'_>) -> Result<Evaluation, Error> {
         let views = self.task.evaluation_views();
         evaluate_splats(self.rasterizer, &self.splats, (&views, matching), &self.shown(), look).await
     }

@@ -31,6 +31,8 @@ losses; on the same images
 lund_door (--data)
   init-by-density          start x policy, a factorial design, on room, banana and lund_door
   accuracy-in-3d-training  what approximations cost and buy in training 3D scenes
+  start-without-sfm        start x wrong poses x refinement of poses: what COLMAP's points and poses buy; \
+on six data sets
   defaults                 the presets of gs train, on eight data sets; a dozen CPU hours
 
 The images of a study are files, or these synthetic targets:
@@ -47,8 +49,9 @@ A study file; preset, iterations and settings may be given for all arms or for o
 A study of 3D scenes has scenes in place of images: data sets as gs train reads them, in --data or \
 beside the file. Its arms may also have start, as gs train --start. With like-gs-train = true they \
 have the number of Gaussians and the start that gs train chooses for their preset, and \
-pose-error = { degrees = 0.5, percent = 0.5 } makes the camera poses wrong. All keys of a training's \
-settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
+pose-error = { degrees = 0.5, percent = 0.5 } makes the camera poses wrong; align-poses = true at the \
+top of the file then measures right halves of held-out views, with cameras aligned to the left \
+halves. All keys of a training's settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
 
 ",
     include_str!("example-3d.toml"),

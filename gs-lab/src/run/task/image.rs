@@ -38,6 +38,7 @@ impl StudyTask for Scene2d {
 
     fn measure<R: Optimizer<Self>>(
         trainer: &Trainer<'_, R, Self>,
+        _: bool,
         finished: &mut Finished,
     ) -> Result<Vec<Image>, TrainError> {
         let (image, culled) = trainer.render().block_on()?;

@@ -43,9 +43,11 @@ pub(crate) trait StudyTask: Planned {
     ) -> Result<Trainer<'r, R, Self>, TrainError>;
 
     /// Measures a finished run: sets the quality, the loss, what was culled, and held-out views, whose curves
-    /// are added later. Returns the rendering of the image, or of the views that are shown.
+    /// are added later. Returns the rendering of the image, or of the views that are shown. `align_poses` is
+    /// the study's.
     fn measure<R: Optimizer<Self>>(
         trainer: &Trainer<'_, R, Self>,
+        align_poses: bool,
         finished: &mut Finished,
     ) -> Result<Vec<Image>, TrainError>;
 

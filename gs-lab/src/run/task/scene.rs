@@ -12,7 +12,7 @@ use gs_core::{
 use gs_io::{Checkpoint, WorldFrame, dataset::Dataset};
 use gs_train::{
     Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
-    train::{Evaluation, ViewQuality, Views},
+    train::{Evaluation, PoseMatched, ViewQuality, Views},
 };
 
 use super::{Finished, ReplayedScene, StudyTask, image::wrong_kind};
@@ -58,24 +58,27 @@ impl StudyTask for Scene3d {
 
     fn measure<R: Optimizer<Self>>(
         trainer: &Trainer<'_, R, Self>,
+        align_poses: bool,
         finished: &mut Finished,
     ) -> Result<Vec<Image>, TrainError> {
         let names: Vec<String> = trainer.evaluation_views().iter().map(|view| view.name.clone()).collect();
         let shown = names.len().min(PICTURED_VIEWS);
         let shown: Vec<usize> = (0..shown).map(|index| index * names.len() / shown).collect();
         let rendered = Mutex::new(BTreeMap::new());
-        let evaluation = trainer
-            .evaluate(&|number, _, image| {
-                if shown.contains(&number) {
-                    rendered.lock().unwrap_or_else(PoisonError::into_inner).insert(number, image.clone());
-                }
-                Ok(())
-            })
-            .block_on()?;
+        let look = |number: usize, _: &_, image: &Image| {
+            if shown.contains(&number) {
+                rendered.lock().unwrap_or_else(PoisonError::into_inner).insert(number, image.clone());
+            }
+            Ok(())
+        };
+        let evaluation = match align_poses {
+            true => right_halves(trainer.evaluate_aligned(&look).block_on()?)?,
+            false => trainer.evaluate(&look).block_on()?,
+        };
         let rendered = rendered.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut rendered: Vec<(&String, Image)> =
             rendered.into_iter().map(|(number, image)| (&names[number], image)).collect();
-        rendered.retain(|(name, _)| !evaluation.unmeasured.contains(name));
+        rendered.retain(|(name, _)| evaluation.views.iter().any(|view| view.name == **name));
         let view = |view: ViewQuality| ViewResult {
             is_shown: rendered.iter().any(|(name, _)| **name == view.name),
             name: view.name,
@@ -131,6 +134,20 @@ impl StudyTask for Scene3d {
     fn wrapped(self) -> ReplayedScene {
         ReplayedScene::ThreeD(self)
     }
+}
+
+/// The evaluation of the right halves of the views at aligned poses, in place of that of whole views.
+fn right_halves(mut evaluation: Evaluation) -> Result<Evaluation, TrainError> {
+    let Some(PoseMatched { psnr, ssim, l1, .. }) = evaluation.pose_matched else {
+        return Err(TrainError::NothingCounts { views: evaluation.views.len() });
+    };
+    (evaluation.psnr, evaluation.ssim, evaluation.l1, evaluation.ms_ssim) = (psnr, ssim, l1, None);
+    evaluation.views.retain_mut(|view| {
+        let Some(PoseMatched { psnr, ssim, l1, .. }) = view.pose_matched else { return false };
+        (view.psnr, view.ssim, view.l1, view.ms_ssim) = (psnr, ssim, l1, None);
+        true
+    });
+    Ok(evaluation)
 }
 
 /// The views of a run: those of the target, with the poses of the arm.
