@@ -10,7 +10,7 @@ use hmac_sha256::Hash;
 
 /// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
 /// tables and reports may change without invalidating results, so they are left out.
-pub(crate) const SOURCES: [&str; 20] = [
+pub(crate) const SOURCES: [&str; 21] = [
     "Cargo.lock",
     "gs-core/src",
     "gs-libm/src",
@@ -20,6 +20,7 @@ pub(crate) const SOURCES: [&str; 20] = [
     "gs-io/src",
     "gs-train/src",
     "gs-lab/src/median.rs",
+    "gs-lab/src/study/arm/pose_error.rs",
     "gs-lab/src/run/conduct.rs",
     "gs-lab/src/study/column.rs",
     "gs-lab/src/study/digest.rs",
