@@ -1,5 +1,5 @@
-//! The cost and the gain of the corrections that only a training has: those of exposure, and of
-//! depths by depth maps.
+//! The cost and the gain of the corrections that only a training has: those of exposure, of depths by
+//! depth maps, and of poses.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use gs_core::{Optimizer, RenderSettings, Scene, Scene3d, counted};
 use gs_density::Policy;
 use gs_train::{
     TrainPreset, TrainSettings, Trainer3d,
-    train::{DepthLoss, Exposure, Start, Views},
+    train::{DepthLoss, Exposure, RefinePoses, Start, Views},
 };
 use serde::Serialize;
 
@@ -43,6 +43,8 @@ gs_core::choices! {
         Exposure = "exposure",
         /// Depth maps in the loss: [`gs_train::train::DepthLoss`].
         DepthMaps = "depth-maps",
+        /// Cameras that move along with the scene: [`RefinePoses::On`].
+        Poses = "poses",
     }
 }
 
@@ -57,16 +59,23 @@ pub(super) struct TrainingOutcome {
     /// The same with matched colours ([`gs_train::train::ColorMatched`]); `None` where no view allows
     /// that.
     color_matched: Option<f64>,
+    /// The same at aligned poses ([`gs_train::train::PoseMatched`]); `None` where no training refines poses.
+    pose_matched: Option<f64>,
 }
 
 impl TrainingEffect {
-    /// Whether views allow this effect: at least two, or one with a depth map.
-    fn is_possible(self, views: &Views) -> Result<bool, Error> {
+    /// Whether views allow this effect in so many steps: at least two views, one with a depth map, or cameras
+    /// of their own and enough steps for each.
+    fn is_possible(self, views: &Views, steps: u32) -> Result<bool, Error> {
         match self {
             Self::Exposure => Ok(views.train.len() > 1),
             Self::DepthMaps => {
                 let maps = views.train.iter().map(|view| view.source.depth());
                 Ok(maps.collect::<Result<Vec<_>, _>>()?.iter().any(Option::is_some))
+            }
+            Self::Poses => {
+                let is_shared = views.train.iter().any(|view| view.source.is_face());
+                Ok(!is_shared && steps >= RefinePoses::least_steps(views.train.len()))
             }
         }
     }
@@ -75,6 +84,7 @@ impl TrainingEffect {
         match self {
             Self::Exposure => settings.exposure = Exposure::Off,
             Self::DepthMaps => settings.depth_loss.weight = 0.0,
+            Self::Poses => settings.refine_poses = RefinePoses::Off,
         }
     }
 }
@@ -100,10 +110,11 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         s.sh_degree_every = 0;
         s.exposure = Exposure::Affine;
         s.depth_loss.weight = DepthLoss::USUAL_WEIGHT;
+        s.refine_poses = RefinePoses::On;
     });
     let mut effects = Vec::new();
-    for effect in [TrainingEffect::Exposure, TrainingEffect::DepthMaps] {
-        match effect.is_possible(&first)? {
+    for effect in TrainingEffect::ALL {
+        match effect.is_possible(&first, steps)? {
             true => effects.push(effect),
             false => effect.off(&mut settings),
         }
@@ -117,9 +128,13 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         let before = trainer.seconds();
         trainer.run(&mut ()).block_on()?;
         let milliseconds = 1e3 * (trainer.seconds() - before) / f64::from(steps.max(1));
-        let evaluation = trainer.evaluate(&|_, _, _| Ok(())).block_on()?;
+        let evaluation = match effects.contains(&TrainingEffect::Poses) {
+            true => trainer.evaluate_aligned(&|_, _, _| Ok(())).block_on()?,
+            false => trainer.evaluate(&|_, _, _| Ok(())).block_on()?,
+        };
         let color_matched = evaluation.color_matched.map(|matched| matched.psnr);
-        Ok(TrainingOutcome { milliseconds, psnr: evaluation.psnr, color_matched })
+        let pose_matched = evaluation.pose_matched.map(|matched| matched.psnr);
+        Ok(TrainingOutcome { milliseconds, psnr: evaluation.psnr, color_matched, pose_matched })
     };
     let with = trained(settings.clone())?;
     let price = |effect: TrainingEffect| {
@@ -127,7 +142,7 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         effect.off(&mut settings);
         Ok(TrainingPrice { effect, with, without: trained(settings)? })
     };
-    Ok(TrainingPrices { steps, prices: effects.into_iter().map(price).collect::<Result<_, Error>>()? })
+    Ok(TrainingPrices { steps, prices: effects.iter().copied().map(price).collect::<Result<_, Error>>()? })
 }
 
 impl TrainingPrices {
@@ -137,10 +152,17 @@ impl TrainingPrices {
             let both = |of: fn(&TrainingOutcome) -> Option<f64>| {
                 [with, without].map(|outcome| of(outcome).map_or(Cell::Empty, |value| Cell::Fixed(value, 2)))
             };
-            let cells = [both(|o| Some(o.milliseconds)), both(|o| Some(o.psnr)), both(|o| o.color_matched)];
+            let cells = [
+                both(|o| Some(o.milliseconds)),
+                both(|o| Some(o.psnr)),
+                both(|o| o.color_matched),
+                both(|o| o.pose_matched),
+            ];
             std::iter::once(effect.name().into()).chain(cells.into_iter().flatten()).collect()
         };
-        let columns = ["correction", "a step, ms", "without", "PSNR, dB", "without", "colours matched, dB", "without"];
+        let measured = ["a step, ms", "PSNR, dB", "colours matched, dB", "poses matched, dB"];
+        let columns: Vec<&str> =
+            std::iter::once("correction").chain(measured.into_iter().flat_map(|name| [name, "without"])).collect();
         Table::new("training", "", &columns, self.prices.iter().map(row).collect())
     }
 }

@@ -73,6 +73,8 @@ pub struct Speed {
     /// Number of points that the training starts from.
     points: usize,
     training_views: usize,
+    /// Time of a run with its trial of poses, relative to one without.
+    with_trial: f64,
     /// Number of views whose images are still to be read.
     unread: usize,
 }
@@ -176,7 +178,12 @@ impl Speed {
                 trainer.quality().await?;
                 (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
                 let clock = Instant::now();
-                let views = trainer.evaluate(&|_, _, _| Ok(())).await?.views.len();
+                // Aligning takes several times as long as rendering.
+                let evaluated = match settings.refine_poses.is_off() {
+                    true => trainer.evaluate(&|_, _, _| Ok(())).await?,
+                    false => trainer.evaluate_aligned(&|_, _, _| Ok(())).await?,
+                };
+                let views = evaluated.views.len();
                 evaluation = clock.elapsed().as_secs_f64() / views.max(1) as f64;
                 trainer.record.settings.gaussians = thin;
             }
@@ -194,7 +201,21 @@ impl Speed {
         // Threads read while others train, and share the cores with them.
         let read = reading.seconds / (reading.read.max(1) * rayon::current_num_threads()) as f64;
         let unread = images.saturating_sub(reading.read);
-        Ok(Self { step, round, read, view, evaluation, viewed, first, given, points, training_views, unread })
+        let with_trial = if settings.refine_poses == RefinePoses::Auto { 1.05 } else { 1.0 };
+        Ok(Self {
+            step,
+            round,
+            read,
+            view,
+            evaluation,
+            viewed,
+            first,
+            given,
+            points,
+            training_views,
+            with_trial,
+            unread,
+        })
     }
 
     /// Seconds for rendering and measuring one view during a training, with as many Gaussians as these
@@ -246,7 +267,7 @@ impl Speed {
         let maps = self.view * (self.training_views * solutions) as f64;
         let measuring = self.view_seconds(settings) * measured as f64;
         let evaluation = self.evaluation_seconds(settings) * evaluated as f64;
-        steps + rounds + self.read * self.unread as f64 + maps + measuring + evaluation
+        self.with_trial * (steps + rounds) + self.read * self.unread as f64 + maps + measuring + evaluation
     }
 }
 
@@ -368,6 +389,7 @@ mod tests {
             given: 0,
             points: 0,
             training_views,
+            with_trial: 1.0,
             unread: training_views,
         }
     }

@@ -9,7 +9,10 @@ use gs_io::dataset::PosedImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{poses::align, task::where_masked};
+use super::{
+    poses::align::{self, Half},
+    task::where_masked,
+};
 use crate::views::{ColorMap, PosedView};
 use crate::{error::Error, memory::evaluated_at_once, run::infinite_where_null};
 
@@ -169,26 +172,29 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
         return Ok(None);
     }
     let map = ColorMap::fit(&pairs, PRIOR);
-    let measured = right_half(rendered, posed, background, |right| map.image(&right))?;
+    let measured = of_half(Half::Right, rendered, posed, background, |right| map.image(&right))?;
     Ok(measured.map(|PoseMatched { psnr, ssim, .. }| ColorMatched { psnr, ssim }))
 }
 
-/// Quality of the right half of a rendering after a change; `None` where none of its pixels counts.
-fn right_half(
+/// Quality of a half of a rendering after a change; `None` where none of its pixels counts.
+pub(super) fn of_half(
+    half: Half,
     rendered: &Image,
     posed: &PosedImage,
     background: [f32; 3],
     change: impl Fn(Image) -> Image,
 ) -> Result<Option<PoseMatched>, Error> {
     let target = posed.clone().over(background)?;
-    let (width, middle) = (target.width() as usize, target.width() as usize / 2);
-    let right = |image: &Image| {
-        let rows = (0..image.height()).map(|y| &image.row(y)[middle..]);
-        Image::from_pixels(image.width() - middle as u32, image.height(), rows.collect::<Vec<_>>().concat())
+    let width = target.width() as usize;
+    let columns = half.columns(width);
+    let part = |image: &Image| {
+        let rows = (0..image.height()).map(|y| &image.row(y)[columns.clone()]);
+        Image::from_pixels(columns.len() as u32, image.height(), rows.collect::<Vec<_>>().concat())
     };
-    let half = |mask: &Vec<bool>| (0..mask.len()).filter(|i| i % width >= middle).map(|i| mask[i]).collect();
-    let posed = PosedImage { image: right(&target)?, alpha: None, mask: posed.mask.as_ref().map(half) };
-    let Some(pair) = measure(&change(right(rendered)?), posed, background)? else { return Ok(None) };
+    let of_mask =
+        |mask: &Vec<bool>| (0..mask.len()).filter(|i| columns.contains(&(i % width))).map(|i| mask[i]).collect();
+    let posed = PosedImage { image: part(&target)?, alpha: None, mask: posed.mask.as_ref().map(of_mask) };
+    let Some(pair) = measure(&change(part(rendered)?), posed, background)? else { return Ok(None) };
     let ((l1, psnr), ssim) = (pair.l1_and_psnr()?, metrics::ssim(&pair.rendered, &pair.target)?);
     Ok(Some(PoseMatched { psnr, ssim, l1 }))
 }
@@ -275,8 +281,8 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         let measured = batch.par_iter().zip(renderings).enumerate().map(|(place, (view, (rendered, aligned)))| {
             let (posed, background) = (view.image()?, render.background_color());
             look(first + place, &posed, aligned.as_ref().unwrap_or(&rendered))?;
-            let at_pose = aligned.map(|aligned| right_half(&aligned, &posed, background, |right| right)).transpose()?;
-            let pose_matched = at_pose.flatten();
+            let at_pose = |aligned: Image| of_half(Half::Right, &aligned, &posed, background, |right| right);
+            let pose_matched = aligned.map(at_pose).transpose()?.flatten();
             let quality = quality_of(&view.name, rendered, posed, background)?;
             Ok::<_, Error>(quality.map(|quality| ViewQuality { pose_matched, ..quality }))
         });

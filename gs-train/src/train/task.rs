@@ -320,7 +320,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         self.read_ahead(settings, step);
         let (progress, views) = (step as f32 / settings.iterations as f32, self.views.train.len() as u32);
         if step.is_multiple_of(views) {
-            let now = (settings.refine_poses, step, settings.iterations);
+            let now = (step, settings.iterations);
             self.poses.move_cameras((on, splats), &mut self.views.train, self.extent, now).await?;
         }
         let index = self.order.view(settings.seed, step, self.views.train.len());

@@ -71,7 +71,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             true => Guides::default(),
             false => Guides::of(&views.train, &scene.means)?,
         };
-        let poses = Poses::new(settings.refine_poses, &views.train, &scene.means);
+        let poses = Poses::at_start(rasterizer, &views, (&scene, extent), &settings).await?;
         let record = Record::beginning(settings, images);
         let task = ViewsTask::new(views, &[], extent, (Exposures::default(), poses), guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);

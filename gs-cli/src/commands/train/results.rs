@@ -170,10 +170,12 @@ impl results::Summary for Summary<'_> {
 
 /// What the refinement of poses did, in words.
 fn poses_line(report: &PosesReport, matched: Option<PoseMatched>) -> String {
-    let PosesReport { used, median_px, median_degrees, most_degrees, median_percent, most_percent, .. } = *report;
+    let PosesReport { used, trial_db, median_px, median_degrees, most_degrees, median_percent, most_percent, .. } =
+        *report;
     if !used {
+        let gain = trial_db.unwrap_or_default();
         return format!(
-            "poses were not refined: refined ones would move the images by only {median_px:.2} px in the median"
+            "poses were not refined: in a short trial, aligning views to their images changed them by {gain:+.2} dB only"
         );
     }
     let matched = matched.map_or_else(String::new, |PoseMatched { psnr, ssim, .. }| {

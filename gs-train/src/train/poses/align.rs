@@ -29,6 +29,23 @@ const LEAST_OPACITY: f32 = 0.5;
 /// Least number of pixels to align with.
 const LEAST_PIXELS: usize = 50;
 
+/// A half of an image: a camera is aligned to one, and the other judges it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::train) enum Half {
+    Left,
+    Right,
+}
+
+impl Half {
+    /// The columns of an image of this width.
+    pub(in crate::train) fn columns(self, width: usize) -> std::ops::Range<usize> {
+        match self {
+            Self::Left => 0..width / 2,
+            Self::Right => width / 2..width,
+        }
+    }
+}
+
 /// An image at a reduced size, over the background of renderings.
 #[derive(Debug)]
 struct Sight {
@@ -68,19 +85,19 @@ impl Sight {
         Ok(on.draw(splats, &reduced_camera(camera, self.factor), render).await?.0)
     }
 
-    /// The camera after at most `steps` steps of Gauss-Newton towards the left half of the image. Steps
+    /// The camera after at most `steps` steps of Gauss-Newton towards a half of the image. Steps
     /// that do not bring the rendering closer to the image are undone, and end the alignment.
     async fn aligned<R: Rasterizer<Scene3d>>(
         &self,
         scene: (&R, &R::Splats),
         camera: &Camera,
         render: &RenderSettings,
-        steps: u32,
+        (half, steps): (Half, u32),
     ) -> Result<Camera, Error> {
         // A background in one channel shows the transmittance.
         let depths = self.draw(scene, camera, &inverse_depths(render).on([0.0, 1.0, 0.0])).await?;
         let mut rendered = self.draw(scene, camera, render).await?;
-        let rows = self.rows(&reduced_camera(camera, self.factor), (&rendered, &depths));
+        let rows = self.rows(half, &reduced_camera(camera, self.factor), (&rendered, &depths));
         if rows.len() < LEAST_PIXELS {
             return Ok(*camera);
         }
@@ -107,14 +124,14 @@ impl Sight {
         Ok(best)
     }
 
-    /// The pixels of the left half that say something about the camera, which has the size of the image.
-    fn rows(&self, camera: &Camera, (rendered, depths): (&Image, &Image)) -> Vec<Row> {
+    /// The pixels of a half that say something about the camera, which has the size of the image.
+    fn rows(&self, half: Half, camera: &Camera, (rendered, depths): (&Image, &Image)) -> Vec<Row> {
         let (width, height) = (self.image.width() as usize, self.image.height() as usize);
         let pixels = self.image.pixels();
-        let inverse = nearby(depths);
+        let (inverse, columns) = (nearby(depths), half.columns(width));
         let mut rows = Vec::new();
         for y in 1..height.saturating_sub(1) {
-            for x in 1..(width / 2).min(width.saturating_sub(1)) {
+            for x in columns.start.max(1)..columns.end.min(width.saturating_sub(1)) {
                 let index = y * width + x;
                 let around = [index - 1, index + 1, index - width, index + width];
                 if !(self.counts(index) && around.iter().all(|&next| self.counts(next))) {
@@ -149,9 +166,23 @@ pub(crate) async fn to_left_half<R: Rasterizer<Scene3d>>(
     let (mut aligned, posed) = (view.camera, view.image()?);
     for (pixels, steps) in FINER {
         let sight = Sight::new(&posed, divisor(&view.camera, pixels), render)?;
-        aligned = sight.aligned(scene, &aligned, render, steps).await?;
+        aligned = sight.aligned(scene, &aligned, render, (Half::Left, steps)).await?;
     }
     Ok(aligned)
+}
+
+/// The camera of a view with a small image after a few steps towards a half of it.
+///
+/// # Errors
+/// Those of the backend, and of reading the image.
+pub(super) async fn nudged<R: Rasterizer<Scene3d>>(
+    scene: (&R, &R::Splats),
+    view: &PosedView,
+    render: &RenderSettings,
+    half: Half,
+) -> Result<Camera, Error> {
+    let (_, steps) = FINER[0];
+    Sight::new(&view.image()?, 1, render)?.aligned(scene, &view.camera, render, (half, steps)).await
 }
 
 /// A camera moved by a twist (v, ω).

@@ -10,17 +10,21 @@
 pub(super) mod align;
 mod descent;
 mod gauge;
+mod trial;
 
 use std::collections::BTreeMap;
 
-use glam::Vec3;
 use gs_core::{Camera, Optimizer, Scene3d, Wait};
 use serde::{Deserialize, Serialize};
 
-use self::descent::{Descent, by_pose};
+use self::{
+    descent::{Descent, by_pose},
+    trial::Trial,
+};
+use super::settings::TrainSettings;
 use crate::error::Error;
 use crate::run::{table, to_table};
-use crate::views::{PosedView, Resolution};
+use crate::views::{PosedView, Resolution, Views};
 
 gs_core::choices! {
     /// Whether the poses of the training views' cameras are refined along with the scene.
@@ -32,20 +36,26 @@ gs_core::choices! {
         Off = "off": "Train with the cameras as they are",
         /// The cameras move along with the scene.
         On = "on": "Let the cameras move while the scene is trained",
-        /// Like [`Self::On`] if the cameras have moved farther after 40 % of the run than noise moves them.
-        /// Otherwise they go back to where they were given, and stay there.
-        Auto = "auto": "As on, but back to the given poses if cameras move no farther than by noise",
+        /// Like [`Self::On`] if a short trial before the run shows that poses are wrong: views that it does not
+        /// train on match their images better after they are aligned. Otherwise like [`Self::Off`], with
+        /// the same bits.
+        Auto = "auto": "As on if a short trial shows that poses are wrong, otherwise as off",
     }
 }
 
 impl RefinePoses {
-    pub(super) fn is_off(&self) -> bool {
+    pub(crate) fn is_off(&self) -> bool {
         *self == Self::Off
     }
 
     /// Fewest steps of a run in which the cameras of this many training views move.
     pub fn least_steps(views: usize) -> u32 {
-        u32::try_from(views).unwrap_or(u32::MAX).saturating_mul(LEAST_EPOCHS)
+        Self::steps(LEAST_EPOCHS, views)
+    }
+
+    /// Steps in so many epochs of so many views.
+    fn steps(epochs: u32, views: usize) -> u32 {
+        u32::try_from(views).unwrap_or(u32::MAX).saturating_mul(epochs)
     }
 }
 
@@ -64,18 +74,6 @@ const FIRST_PIXELS: u64 = 4_000;
 
 /// Share of a run after which images have their full size.
 const FULL_AFTER: f32 = 0.4;
-
-/// Share of a run after which [`RefinePoses::Auto`] decides.
-const DECIDED_AFTER: f64 = 0.4;
-
-/// Least motion of a view's image with which [`RefinePoses::Auto`] refines the poses, in the median over the
-/// views and relative to [`WAY`] / √n with n steps in a run, as for steps in random directions. Where the steps
-/// did not become shorter with disagreeing gradients, exact poses moved by 0.15 to 0.25 of it, poses that were wrong
-/// by half a degree by 0.8 to 3.
-const LEAST_MOTION: f64 = 0.4;
-
-/// The same, px: poses that are right to half a pixel are right.
-const LEAST_PX: f64 = 0.5;
 
 /// Key of the cameras in the metadata of checkpoints.
 const KEY: &str = "refined-poses";
@@ -100,10 +98,14 @@ fn with_pose(camera: &Camera, pose: &Pose) -> Camera {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct PosesReport {
-    /// Whether the refined poses are used: with [`RefinePoses::Auto`], only if the images moved enough.
+    /// Whether poses are refined: with [`RefinePoses::Auto`], only if the trial showed that they are wrong.
+    /// Otherwise the motions below are those of the views that the trial aligned.
     pub used: bool,
+    /// Mean gain of the views that the trial of [`RefinePoses::Auto`] aligned, dB, in the halves of the images
+    /// that they were not aligned to; `None` without a trial.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trial_db: Option<f32>,
     /// Motion of the first Gaussians in a view by the refinement, root mean square, px; median over the views.
-    /// Where the refined poses are not used, this and the numbers below are those that were found.
     pub median_px: f32,
     /// Median turn of a camera, degrees.
     pub median_degrees: f32,
@@ -121,11 +123,11 @@ pub struct PosesReport {
 struct State {
     /// Report after the last epoch.
     report: Option<PosesReport>,
-    /// Whether [`RefinePoses::Auto`] has decided.
-    decided: bool,
+    /// What the trial of [`RefinePoses::Auto`] found: [`PosesReport::trial_db`].
+    trial_db: Option<f32>,
     /// Views of the steps since then, and the gradients of these steps by the pose.
     gradients: Vec<(usize, [f32; 6])>,
-    /// For each training view; empty where poses are not refined.
+    /// For each training view; empty where poses are not refined, or no longer after a trial.
     of_views: Vec<OfView>,
 }
 
@@ -150,16 +152,35 @@ pub(super) struct Poses {
 }
 
 impl Poses {
-    /// The poses of a run that begins with Gaussians at these means.
-    pub(super) fn new(refine: RefinePoses, views: &[PosedView], means: &[Vec3]) -> Self {
+    /// The poses of a run that begins with this scene. With [`RefinePoses::Auto`], a trial decides about them.
+    ///
+    /// # Errors
+    /// Those of the trial.
+    pub(super) async fn at_start<R: Optimizer<Scene3d>>(
+        on: &R,
+        views: &Views,
+        (scene, extent): (&Scene3d, f32),
+        settings: &TrainSettings,
+    ) -> Result<Self, Error> {
+        let refine = settings.refine_poses;
         if refine.is_off() {
-            return Self::default();
+            return Ok(Self::default());
         }
         let of_view = |PosedView { camera, .. }: &PosedView| OfView {
             pose: pose_of(camera),
-            descent: Descent::of(camera, means),
+            descent: Descent::of(camera, &scene.means),
         };
-        Self::with(views, State { of_views: views.iter().map(of_view).collect(), ..State::default() })
+        let of_views = views.train.iter().map(of_view).collect();
+        let mut poses = Self::with(&views.train, State { of_views, ..State::default() });
+        if refine == RefinePoses::Auto && poses.is_moving(settings.iterations) {
+            let trial = Trial::run(on, views, scene, settings).await?;
+            poses.state.trial_db = Some(trial.gain() as f32);
+            if !trial.shows_wrong_poses() {
+                let report = PosesReport { used: false, ..poses.report_on(&trial.aligned, extent) };
+                poses.state = State { report: Some(report), ..State::default() };
+            }
+        }
+        Ok(poses)
     }
 
     fn with(views: &[PosedView], state: State) -> Self {
@@ -176,9 +197,10 @@ impl Poses {
             return Ok(Self::default());
         }
         let poses = Self::with(views, table(metadata, KEY)?);
-        let State { gradients, of_views, .. } = &poses.state;
+        let State { gradients, of_views, report, .. } = &poses.state;
         let found = of_views.len();
-        if found != views.len() {
+        let is_rejected = found == 0 && report.is_some_and(|report| !report.used);
+        if found != views.len() && !is_rejected {
             return Err(Error::Checkpoint(format!("its `{KEY}` are of {found} views, not of {}", views.len())));
         }
         let are_valid = of_views.iter().all(|view| view.descent.is_valid());
@@ -194,7 +216,7 @@ impl Poses {
 
     /// The metadata for a checkpoint; `None` where poses are not refined.
     pub(super) fn to_metadata(&self) -> Result<Option<(&'static str, String)>, Error> {
-        if self.state.of_views.is_empty() {
+        if self.state == State::default() {
             return Ok(None);
         }
         Ok(Some((KEY, to_table(KEY, &self.state)?)))
@@ -207,8 +229,7 @@ impl Poses {
 
     /// Whether the cameras of a run of `iterations` steps move.
     fn is_moving(&self, iterations: u32) -> bool {
-        let rejected = self.state.report.is_some_and(|report| !report.used);
-        !self.given.is_empty() && !rejected && iterations >= RefinePoses::least_steps(self.given.len())
+        !self.state.of_views.is_empty() && iterations >= RefinePoses::least_steps(self.given.len())
     }
 
     /// Whether the step after `step` of `iterations` steps is to give the gradient by its camera.
@@ -253,7 +274,7 @@ impl Poses {
         (on, splats): (&R, &mut R::Splats),
         views: &mut [PosedView],
         extent: f32,
-        (refine, step, iterations): (RefinePoses, u32, u32),
+        (step, iterations): (u32, u32),
     ) -> Result<(), Error> {
         self.collect(on, splats).await?;
         let gradients = std::mem::take(&mut self.state.gradients);
@@ -270,28 +291,24 @@ impl Poses {
             *camera = self.state.of_views[index].descent.step(camera, &gradient, length);
         }
         gauge::keep(&self.given, &mut cameras, f64::from(extent));
-        let report = self.report_on(&cameras, extent);
-        let decides = refine == RefinePoses::Auto && !self.state.decided && progress >= DECIDED_AFTER;
-        self.state.decided |= decides;
-        let sides = cameras.iter().map(|camera| camera.width.max(camera.height) as f32).collect();
-        let least = LEAST_MOTION * WAY / steps.sqrt() * f64::from(median_and_most(sides).0);
-        let used = !decides || f64::from(report.median_px) >= least.max(LEAST_PX);
-        self.state.report = Some(PosesReport { used, ..report });
-        let cameras = if used { &cameras } else { &self.given };
-        for ((view, camera), of_view) in views.iter_mut().zip(cameras).zip(&mut self.state.of_views) {
+        let moved: Vec<(usize, Camera)> = cameras.into_iter().enumerate().collect();
+        self.state.report = Some(self.report_on(&moved, extent));
+        for ((view, (_, camera)), of_view) in views.iter_mut().zip(&moved).zip(&mut self.state.of_views) {
             (view.camera, of_view.pose) = (*camera, pose_of(camera));
         }
         Ok(())
     }
 
-    fn report_on(&self, cameras: &[Camera], extent: f32) -> PosesReport {
-        let pairs = || self.given.iter().zip(cameras);
-        let pixels = pairs().zip(&self.state.of_views).map(|((from, to), view)| view.descent.distance(from, to) as f32);
+    /// The report on cameras of training views with these numbers.
+    fn report_on(&self, moved: &[(usize, Camera)], extent: f32) -> PosesReport {
+        let State { of_views, trial_db, .. } = &self.state;
+        let pixels = moved.iter().map(|&(i, to)| of_views[i].descent.distance(&self.given[i], &to) as f32);
         let (median_px, _) = median_and_most(pixels.collect());
-        let moves: Vec<[f32; 2]> = pairs().map(|(from, to)| motion(from, to, extent)).collect();
+        let moves: Vec<[f32; 2]> = moved.iter().map(|&(i, to)| motion(&self.given[i], &to, extent)).collect();
         let [degrees, percent] = [0, 1].map(|k| moves.iter().map(|motion| motion[k]).collect());
         let [(median_degrees, most_degrees), (median_percent, most_percent)] = [degrees, percent].map(median_and_most);
-        PosesReport { used: true, median_px, median_degrees, most_degrees, median_percent, most_percent }
+        let trial_db = *trial_db;
+        PosesReport { used: true, trial_db, median_px, median_degrees, most_degrees, median_percent, most_percent }
     }
 }
 
@@ -311,5 +328,5 @@ fn motion(from: &Camera, to: &Camera, extent: f32) -> [f32; 2] {
 
 fn median_and_most(mut values: Vec<f32>) -> (f32, f32) {
     values.sort_by(f32::total_cmp);
-    (values[values.len() / 2], values[values.len() - 1])
+    (values.get(values.len() / 2).copied().unwrap_or_default(), values.last().copied().unwrap_or_default())
 }
