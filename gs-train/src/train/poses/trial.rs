@@ -96,8 +96,9 @@ impl Trial {
                             of_half(other, &rendered, &view.image()?, render.background_color(), |half| half)?;
                         *psnr = measured.map(|measured| measured.psnr);
                     }
+                    // Halves of a plain background match exactly, and say nothing.
                     if let [Some(before), Some(after)] = psnr {
-                        gains.push(after - before);
+                        gains.extend(Some(after - before).filter(|gain: &f64| gain.is_finite()));
                     }
                     let given = views.train[index].camera;
                     aligned.push((index, Camera { rotation: found.rotation, translation: found.translation, ..given }));
