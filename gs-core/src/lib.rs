@@ -35,7 +35,9 @@ pub use crate::{
     error::Error,
     image::{Image, TargetImage, check_size, rounded_to_8_bits, to_8_bits},
     rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
-    scene::{Gaussian2d, Gaussian3d, Region, Scene, Scene2d, Scene3d, logit, sigmoid},
+    scene::{
+        Bounds, Gaussian2d, Gaussian3d, LodCut, LodLevel, LodNode, Region, Scene, Scene2d, Scene3d, logit, sigmoid,
+    },
     settings::{Accuracy, Choice, Cut, Dropout, Output, RenderSettings},
     state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},
     training::{CullCause, Culled, DensityStatistics, Loss, MeanNoise},

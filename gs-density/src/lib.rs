@@ -75,6 +75,7 @@
 
 mod count_schedule;
 mod eigen;
+mod levels;
 mod merge;
 mod noise;
 mod observation;
@@ -84,6 +85,7 @@ pub mod seed;
 
 pub use self::{
     count_schedule::CountSchedule,
+    levels::{Level, halves, levels, spatial_order},
     merge::merged,
     noise::Noise,
     observation::{

@@ -1,12 +1,14 @@
 //! Scenes on the host: plain, serialisable sets of Gaussians. A backend's copy of a scene is its
 //! `Splats`.
 
+mod lod;
 mod region;
 mod scene2d;
 mod scene3d;
 
 use std::fmt::Debug;
 
+pub use lod::{Bounds, LodCut, LodLevel, LodNode};
 pub use region::Region;
 pub use scene2d::{Gaussian2d, Scene2d};
 pub use scene3d::{Gaussian3d, Scene3d};

@@ -1,0 +1,335 @@
+//! Levels of detail: which level of each cell of a scene a view draws.
+
+use std::{cmp::Ordering, collections::BinaryHeap};
+
+use glam::Vec3;
+
+use crate::{error::Error, view::Camera};
+
+/// A box along the axes, world units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// The smallest coordinates.
+    pub min: Vec3,
+    /// The largest coordinates.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// What [`Self::union`] leaves unchanged.
+    pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// The smallest box around both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Whether the other box is inside.
+    pub fn contains(&self, other: &Self) -> bool {
+        self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
+    }
+
+    fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|k| {
+            let pick = |axis: usize| if k >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
+            Vec3::new(pick(0), pick(1), pick(2))
+        })
+    }
+}
+
+/// A level of a cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LodLevel {
+    /// Number of its Gaussians.
+    pub gaussians: usize,
+    /// How far what is drawn is moved by drawing this level in place of the finest, world units.
+    pub error: f32,
+}
+
+/// A node of a tree of cells, each of which has levels of detail.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LodNode {
+    /// A node with further nodes, whose bounds are inside its own.
+    Inner {
+        /// The bounds of all its cells.
+        bounds: Bounds,
+        /// The further nodes.
+        children: Vec<LodNode>,
+    },
+    /// A cell.
+    Leaf {
+        /// The bounds of its Gaussians in all levels.
+        bounds: Bounds,
+        /// Its levels, the finest first; at least one.
+        levels: Vec<LodLevel>,
+    },
+}
+
+/// A level for each cell.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct LodCut {
+    /// The index of each cell's level, in the order of the tree.
+    pub levels: Vec<usize>,
+    /// Number of Gaussians in these levels.
+    pub gaussians: usize,
+    /// The largest projected error of a cell in sight, px.
+    pub error_px: f32,
+}
+
+impl LodNode {
+    /// The box around all Gaussians.
+    pub fn bounds(&self) -> &Bounds {
+        match self {
+            Self::Inner { bounds, .. } | Self::Leaf { bounds, .. } => bounds,
+        }
+    }
+
+    /// The bounds and levels of all cells, in the order of the tree.
+    pub fn cells(&self) -> Vec<(&Bounds, &[LodLevel])> {
+        match self {
+            Self::Inner { children, .. } => children.iter().flat_map(Self::cells).collect(),
+            Self::Leaf { bounds, levels } => vec![(bounds, levels)],
+        }
+    }
+
+    /// Chooses the level of each cell for a view, or one for several views: first the coarsest ones;
+    /// then that with the largest error in pixels becomes finer, until no error is above `error_px` or the
+    /// next step would take more than `budget` Gaussians. Cells out of sight have no error.
+    ///
+    /// A larger budget never has a larger error. The budget is exceeded only where the coarsest levels
+    /// alone exceed it. Levels that have no fewer Gaussians than a finer one are not used.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a budget of 0 or an `error_px` that isn't at least 0.
+    pub fn cut(&self, cameras: &[Camera], budget: usize, error_px: f32) -> Result<LodCut, Error> {
+        if budget == 0 {
+            return Err(Error::setting("the budget of Gaussians", budget, "at least 1"));
+        }
+        if !(error_px >= 0.0) {
+            return Err(Error::setting("the projected error", error_px, "at least 0 px"));
+        }
+        let cells = self.cells();
+        let mut choices: Vec<Choice> =
+            cells.iter().map(|(bounds, levels)| Choice::of(cameras, bounds, levels)).collect();
+        let mut gaussians: usize = choices.iter().map(Choice::gaussians).sum();
+        let errors = choices.iter().enumerate().map(|(cell, choice)| ByError { error_px: choice.error_px(), cell });
+        let mut largest: BinaryHeap<ByError> = errors.collect();
+        while let Some(ByError { error_px: error, cell }) = largest.pop() {
+            if !(error > error_px) {
+                break;
+            }
+            let choice = &mut choices[cell];
+            let Some(finer) = choice.finer() else { continue };
+            let then = gaussians - choice.gaussians() + finer;
+            if then > budget {
+                break;
+            }
+            gaussians = then;
+            choice.steps.pop();
+            largest.push(ByError { error_px: choice.error_px(), cell });
+        }
+        let levels = choices.iter().map(|choice| choice.step().level).collect();
+        let error_px = choices.iter().map(Choice::error_px).fold(0.0, f32::max);
+        Ok(LodCut { levels, gaussians, error_px })
+    }
+}
+
+/// The chosen level of a cell, and the finer ones.
+struct Choice {
+    /// The finest first; the last is chosen.
+    steps: Vec<Step>,
+}
+
+#[derive(Clone, Copy)]
+struct Step {
+    level: usize,
+    gaussians: usize,
+    error_px: f32,
+}
+
+impl Choice {
+    fn of(cameras: &[Camera], bounds: &Bounds, levels: &[LodLevel]) -> Self {
+        let scale = cameras.iter().map(|camera| px_per_world(camera, bounds)).fold(0.0, f32::max);
+        let mut steps: Vec<Step> = Vec::with_capacity(levels.len());
+        for (level, &LodLevel { gaussians, error }) in levels.iter().enumerate() {
+            let error_px = steps.last().map_or(0.0, |finer| finer.error_px).max(error * scale);
+            if steps.last().is_none_or(|finer| gaussians < finer.gaussians) {
+                steps.push(Step { level, gaussians, error_px });
+            }
+        }
+        Self { steps }
+    }
+
+    fn step(&self) -> Step {
+        self.steps.last().copied().unwrap_or(Step { level: 0, gaussians: 0, error_px: 0.0 })
+    }
+
+    fn gaussians(&self) -> usize {
+        self.step().gaussians
+    }
+
+    fn error_px(&self) -> f32 {
+        self.step().error_px
+    }
+
+    /// Number of Gaussians of the next finer level.
+    fn finer(&self) -> Option<usize> {
+        Some(self.steps.get(self.steps.len().checked_sub(2)?)?.gaussians)
+    }
+}
+
+/// A cell by its error; of equal ones, the first is the greatest.
+#[derive(PartialEq)]
+struct ByError {
+    error_px: f32,
+    cell: usize,
+}
+
+impl Eq for ByError {}
+
+impl Ord for ByError {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.error_px.total_cmp(&other.error_px).then(other.cell.cmp(&self.cell))
+    }
+}
+
+impl PartialOrd for ByError {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// How many pixels a world unit takes at most in this box; 0 where the box is out of sight.
+fn px_per_world(camera: &Camera, bounds: &Bounds) -> f32 {
+    let corners = bounds.corners().map(|corner| camera.to_camera(corner));
+    let (size, [cx, cy]) = ([camera.width as f32, camera.height as f32], camera.center.to_array());
+    // A point is right of the left border if fx x + cx z >= 0, and so on.
+    let sides: [&dyn Fn(&Vec3) -> f32; 5] = [
+        &|p| p.z - camera.near,
+        &|p| camera.focal.x * p.x + cx * p.z,
+        &|p| (size[0] - cx) * p.z - camera.focal.x * p.x,
+        &|p| camera.focal.y * p.y + cy * p.z,
+        &|p| (size[1] - cy) * p.z - camera.focal.y * p.y,
+    ];
+    if sides.iter().any(|side| corners.iter().all(|corner| side(corner) < 0.0)) {
+        return 0.0;
+    }
+    let depth = corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
+    camera.focal.max_element() / depth.max(camera.near)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers from 0 to 1, always the same (Marsaglia's xorshift).
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f32 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> 40) as f32 / (1 << 24) as f32
+        }
+
+        fn point(&mut self, size: f32) -> Vec3 {
+            (Vec3::new(self.next(), self.next(), self.next()) - 0.5) * size
+        }
+    }
+
+    /// A tree of cells with any numbers and errors, even such as a file of another program may have.
+    fn tree(random: &mut Random, depth: u32) -> LodNode {
+        if depth > 0 && random.next() > 0.1 {
+            let children = vec![tree(random, depth - 1), tree(random, depth - 1)];
+            let bounds = children.iter().map(|child| *child.bounds()).fold(Bounds::EMPTY, Bounds::union);
+            return LodNode::Inner { bounds, children };
+        }
+        let corner = random.point(20.0);
+        let bounds = Bounds { min: corner, max: corner + random.point(2.0).abs() };
+        let count = 1 + (4.0 * random.next()) as usize;
+        let level = |_| LodLevel { gaussians: (1000.0 * random.next()) as usize, error: random.next() };
+        LodNode::Leaf { bounds, levels: (0..count).map(level).collect() }
+    }
+
+    fn cases() -> impl Iterator<Item = (LodNode, Camera)> {
+        let mut random = Random(0x9e37_79b9_7f4a_7c15);
+        (0..60).map(move |_| {
+            let lens = Camera::looking_forward(640, 480, 1.0);
+            let camera = lens.looking_at(random.point(30.0), random.point(5.0), Vec3::Y).unwrap();
+            (tree(&mut random, 6), camera)
+        })
+    }
+
+    #[test]
+    fn a_cut_has_one_level_of_each_cell_and_keeps_the_budget_where_that_is_possible() {
+        for (tree, camera) in cases() {
+            let cells = tree.cells();
+            let least: usize = cells.iter().map(|(_, levels)| levels.iter().map(|l| l.gaussians).min().unwrap()).sum();
+            for budget in [1, least.max(1), least + 1, 2 * least + 500, usize::MAX] {
+                let cut = tree.cut(&[camera], budget, 1.0).unwrap();
+                assert_eq!(cut.levels.len(), cells.len());
+                let counts = cells.iter().zip(&cut.levels).map(|((_, levels), &level)| levels[level].gaussians);
+                assert_eq!(counts.sum::<usize>(), cut.gaussians);
+                assert!(cut.gaussians <= budget.max(least), "{} of {budget}, {least}", cut.gaussians);
+            }
+        }
+    }
+
+    #[test]
+    fn a_larger_budget_never_has_a_larger_error_or_a_coarser_cell() {
+        for (tree, camera) in cases() {
+            let cuts: Vec<_> = (0..40).map(|k| tree.cut(&[camera], 1 + 300 * k, 0.0).unwrap()).collect();
+            for pair in cuts.windows(2) {
+                assert!(pair[1].error_px <= pair[0].error_px);
+                assert!(pair[1].levels.iter().zip(&pair[0].levels).all(|(more, less)| more <= less));
+            }
+            // The finest levels, unless a coarser one has as few errors.
+            let best = tree.cut(&[camera], usize::MAX, 0.0).unwrap();
+            let cells = tree.cells();
+            let finest = cells.iter().map(|(bounds, levels)| levels[0].error * px_per_world(&camera, bounds));
+            assert!(best.error_px <= finest.fold(0.0, f32::max));
+        }
+    }
+
+    #[test]
+    fn cells_become_finer_until_their_errors_are_small_enough() {
+        for (tree, camera) in cases() {
+            let all = tree.cut(&[camera], usize::MAX, 0.0).unwrap();
+            let cut = tree.cut(&[camera], usize::MAX, 5.0).unwrap();
+            assert!(cut.error_px <= all.error_px.max(5.0) && cut.gaussians <= all.gaussians);
+        }
+    }
+
+    #[test]
+    fn what_is_near_is_finer_and_what_is_out_of_sight_is_coarsest() {
+        let levels = vec![
+            LodLevel { gaussians: 100, error: 0.0 },
+            LodLevel { gaussians: 50, error: 0.01 },
+            LodLevel { gaussians: 10, error: 0.1 },
+        ];
+        let at = |z: f32| {
+            let bounds = Bounds { min: Vec3::new(-1.0, -1.0, z), max: Vec3::new(1.0, 1.0, z + 1.0) };
+            LodNode::Leaf { bounds, levels: levels.clone() }
+        };
+        let children = vec![at(-9.0), at(1.0), at(20.0), at(900.0)];
+        let bounds = Bounds { min: Vec3::splat(-9.0), max: Vec3::splat(901.0) };
+        let tree = LodNode::Inner { bounds, children };
+        let mut camera = Camera::looking_forward(200, 200, 1.0);
+        camera.focal = glam::Vec2::splat(200.0);
+        // A world unit takes 200, 10 and 0.2 px.
+        let cut = |budget| tree.cut(&[camera], budget, 1.0).unwrap();
+        assert_eq!((cut(1000).levels, cut(1000).gaussians, cut(1000).error_px), (vec![2, 0, 2, 2], 130, 1.0));
+        assert_eq!((cut(129).levels, cut(129).error_px), (vec![2, 1, 2, 2], 2.0));
+        assert_eq!((cut(39).levels, cut(39).gaussians), (vec![2, 2, 2, 2], 40));
+    }
+
+    #[test]
+    fn impossible_demands_are_errors() {
+        let (tree, camera) = cases().next().unwrap();
+        assert!(tree.cut(&[camera], 0, 1.0).unwrap_err().to_string().contains("budget"));
+        assert!(tree.cut(&[camera], 1, f32::NAN).unwrap_err().to_string().contains("error"));
+    }
+}
