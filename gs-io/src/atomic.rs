@@ -218,6 +218,12 @@ pub(crate) fn is_temporary(name: &str) -> bool {
     middle.is_some_and(|middle| middle.len() == drawn && middle.bytes().all(|byte| byte.is_ascii_alphanumeric()))
 }
 
+/// A temporary folder in another, with the name of a temporary file.
+pub(crate) fn new_temporary_folder(folder: &Path) -> io::Result<tempfile::TempDir> {
+    let (prefix, drawn, suffix) = TEMPORARY;
+    tempfile::Builder::new().prefix(prefix).rand_bytes(drawn).suffix(suffix).tempdir_in(folder)
+}
+
 fn new_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     let (prefix, drawn, suffix) = TEMPORARY;

@@ -68,8 +68,8 @@ pub use crate::{
     },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
-        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d, transform_scene,
-        write_3d,
+        StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
+        transform_scene, write_3d,
     },
     text::utf8_text,
     world_frame::WorldFrame,

@@ -89,6 +89,23 @@ impl ConversionLoss {
         (to < from).then_some(Self::Sh { from, to })
     }
 
+    /// Adds the losses of another part of a scene to those of its parts so far.
+    #[cfg(feature = "write")]
+    pub(super) fn join(all: &mut Vec<Self>, more: Vec<Self>) {
+        for loss in more {
+            let same = all.iter_mut().find(|known| match (&**known, &loss) {
+                (Self::Rounded { what, .. }, Self::Rounded { what: other, .. })
+                | (Self::Clamped { what, .. }, Self::Clamped { what: other, .. }) => what == other,
+                (known, loss) => known == loss,
+            });
+            match (same, loss) {
+                (Some(Self::Clamped { values, .. }), Self::Clamped { values: more, .. }) => *values += more,
+                (Some(_), _) => {}
+                (None, loss) => all.push(loss),
+            }
+        }
+    }
+
     /// What finite logits in place of infinite ones change.
     pub(super) fn of_infinite_logits(scene: &Scene3d) -> Option<Self> {
         let gaussians = scene.opacity_logits.iter().filter(|logit| logit.is_infinite()).count();

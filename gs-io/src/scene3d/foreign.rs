@@ -18,8 +18,7 @@ struct Kind {
 }
 
 /// Files that describe a scene in their folder and its subfolders.
-pub(crate) const FOLDER_NAMES: [&str; 2] = [LEVELS, "tileset.json"];
-const LEVELS: &str = "lod-meta.json";
+pub(crate) const FOLDER_NAMES: [&str; 1] = ["tileset.json"];
 
 const ANY: &[&str] = &[];
 
@@ -76,8 +75,8 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));
     let (what, hint) = if has(&["means", "scales", "quats"]) {
         ("the meta.json of a SOG scene", "name it meta.json, beside its images")
-    } else if has(&["lodLevels"]) || has(&["filenames", "tree"]) || has_name(path, LEVELS) {
-        ("the lod-meta.json of a streamed SOG", "name the meta.json of one of its levels, in a folder beside it")
+    } else if has(&["lodLevels"]) || has(&["filenames", "tree"]) {
+        ("the lod-meta.json of a streamed SOG", "name it lod-meta.json, beside the folders of its chunks")
     } else if has(&["root", "geometricError"]) {
         ("a tileset of 3D Tiles", "name a PLY or a glTF of Gaussians that the tiles were made of")
     } else if has(&["frames"]) {

@@ -21,6 +21,9 @@ pub enum Format3d {
     Sog,
     /// SOG as images next to a file `meta.json`.
     SogFolder,
+    /// Streamed SOG: levels of detail of the cells of a tree, as SOGs in the folders next to a file
+    /// `lod-meta.json`.
+    StreamedSog,
     /// `.ksplat`, of mkkellogg's viewer.
     Ksplat,
     /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads

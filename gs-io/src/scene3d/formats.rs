@@ -12,6 +12,7 @@ use super::{
     ply, sog,
     source::Source,
     splat, spz,
+    streamed::{self, StreamedSog},
 };
 use crate::error::Error;
 
@@ -22,6 +23,12 @@ type Encode = fn(Format3d, &Path, &Scene3d, &WriteOptions3d) -> Result<Encoded3d
 const fn written(encode: Encode) -> Encode {
     if cfg!(feature = "write") { encode } else { ROW.encode }
 }
+
+/// What writes streamed SOG.
+#[cfg(feature = "write")]
+const STREAMED: Encode = streamed::encode;
+#[cfg(not(feature = "write"))]
+const STREAMED: Encode = ROW.encode;
 
 /// A format.
 pub(super) struct Row {
@@ -96,6 +103,18 @@ const FORMATS: &[Row] = &[
         read: sog::read,
         encode: written(sog::encode),
         beside: |path, sh_degree, _| sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
+        memory: 14,
+        ..ROW
+    },
+    Row {
+        format: Format3d::StreamedSog,
+        name: "streamed SOG",
+        what: streamed::WHAT,
+        ending: Some(streamed::META),
+        recognises: |start, path| gltf::recognises(start) && has_name(path, streamed::META),
+        read: |source, _| StreamedSog::parse(source)?.read_finest(),
+        encode: STREAMED,
+        beside: |path, _, _| streamed::chunk_files(path),
         memory: 14,
         ..ROW
     },

@@ -9,6 +9,7 @@
 //! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
 //! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
 //! | SOG, bundled and unbundled | version 2 | version 2 | all degrees, everything rounded |
+//! | streamed SOG, `lod-meta.json` | the finest level, or a cut through the levels ([`StreamedSog`]) | yes, with levels of detail | as SOG |
 //! | `.ksplat` | yes | – | degree 2 at most |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
 //! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and SH bit for bit, the others to rounding |
@@ -30,6 +31,7 @@ mod sog;
 pub(crate) mod source;
 mod splat;
 mod spz;
+mod streamed;
 mod trained_with;
 mod values;
 
@@ -45,6 +47,7 @@ pub use self::{
     conversion_loss::ConversionLoss,
     format::Format3d,
     options::{Coordinates, GltfBuffer, SpzOptions, SpzVersion, WriteOptions3d},
+    streamed::StreamedSog,
     trained_with::TrainedWith,
     values::Rounding,
 };
@@ -57,6 +60,9 @@ use crate::{
     atomic::{open, read_exactly, read_file, write_durably},
     error::Error,
 };
+
+/// Size of a PLY that is read in parts, bytes.
+const LARGE_BYTES: u64 = 64 << 20;
 
 /// Bytes that are enough to recognise a file.
 const START_BYTES: usize = 64;
@@ -163,7 +169,10 @@ fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
 /// Reads a 3D scene as [`read_3d`] does, but allows values that are NaN or infinite, including
 /// ln-scales of −∞.
 pub(crate) fn read_3d_unchecked(path: &Path) -> Result<File3d, Error> {
-    decode_recognised(&read_file(path, WANTED)?, path)
+    match ply::read_in_parts(path, LARGE_BYTES)? {
+        Some(file) => Ok(file),
+        None => decode_recognised(&read_file(path, WANTED)?, path),
+    }
 }
 
 /// Decodes the bytes of a file of any format; see [`decode_3d`].
@@ -209,12 +218,14 @@ pub struct Written3d {
 
 /// Writes a scene, atomically, in the format of the file's extension: `.ply`, `.splat`, `.spz`,
 /// `.gltf`, `.glb` or `.sog`; or as a SOG in a folder for the name `meta.json`, which is written
-/// after the images. Infinite opacity logits are written as finite ones with the same picture.
+/// after the images; or with levels of detail as a streamed SOG for the name `lod-meta.json`, whose
+/// folder, which need not exist, gets all of its files or none. Infinite opacity logits are written as finite ones with the same picture.
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails,
 /// or a quaternion is too short to be a rotation and the format needs one; [`Error::Unusable`] for no
-/// Gaussians, or too many for the format; those of [`write_durably`].
+/// Gaussians, or too many for the format; those of [`write_durably`], and for a streamed SOG those of
+/// [`FolderClaim::begin`](crate::FolderClaim::begin).
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
     if Format3d::to_write(path) == Some(Format3d::Ply) {
@@ -223,6 +234,10 @@ pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3
         write_durably(path, |file| ply::write(scene, &comments, world, file))?;
         let losses = ConversionLoss::of_infinite_logits(scene).into_iter().collect();
         return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
+    }
+    #[cfg(feature = "write")]
+    if Format3d::to_write(path) == Some(Format3d::StreamedSog) {
+        return streamed::write(path, scene, options);
     }
     let Encoded3d { bytes, beside, written } = encode_3d(path, scene, options)?;
     for (path, bytes) in &beside {

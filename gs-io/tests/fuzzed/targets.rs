@@ -5,13 +5,13 @@
 
 use std::{fs, path::Path, sync::LazyLock};
 
-use glam::dvec2;
+use glam::{Vec3, dvec2};
 use gs_codec::Extent;
-use gs_core::{Image, Scene};
+use gs_core::{Camera, Gaussian3d, Image, Scene, Scene3d};
 use gs_io::{
-    Error, Format3d,
+    Error, Format3d, StreamedSog, WriteOptions3d,
     dataset::{DatasetSettings, read_dataset},
-    decode_3d, decode_gsi, fuzzing,
+    decode_3d, decode_gsi, fuzzing, read_3d, write_3d,
 };
 
 /// A target that reads bytes.
@@ -19,7 +19,7 @@ pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
 /// corpus's folders.
-pub const TARGETS: [(&str, Target); 13] = [
+pub const TARGETS: [(&str, Target); 14] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),
@@ -32,6 +32,7 @@ pub const TARGETS: [(&str, Target); 13] = [
     ("sog", sog),
     ("splat", splat),
     ("spz", spz),
+    ("streamed_sog", streamed_sog),
     ("transforms", transforms),
 ];
 
@@ -58,6 +59,36 @@ pub fn spz(bytes: &[u8]) {
 /// Bundled SOG.
 pub fn sog(bytes: &[u8]) {
     scene_3d(Format3d::Sog, bytes);
+}
+
+/// The folder of a streamed SOG of nine Gaussians: chunks `0_0`, `1_0`, `2_0` and `3_0`.
+static LEVELS: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let gaussian = |i: u8| Gaussian3d {
+        mean: Vec3::new(f32::from(i), f32::from(i % 3), 5.0),
+        log_scale: Vec3::NEG_ONE,
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 1.0,
+        sh: vec![Vec3::splat(0.1)],
+    };
+    let scene: Scene3d = (0..9).map(gaussian).collect();
+    write_3d(folder.path().join("lod-meta.json"), &scene, &WriteOptions3d::default()).expect("a scene to write");
+    folder
+});
+
+/// `lod-meta.json` of a streamed SOG with small chunks, of which cuts are read, too.
+pub fn streamed_sog(bytes: &[u8]) {
+    let file = LEVELS.path().join("lod-meta.json");
+    fs::write(&file, bytes).expect("a file that can be written");
+    one_line(read_3d(&file));
+    let Some(streamed) = one_line(StreamedSog::open(&file)) else { return };
+    for budget in [1, 12, usize::MAX] {
+        let cut = streamed.tree().cut(&[Camera::looking_forward(64, 48, 1.0)], budget, 1.0);
+        let cut = cut.expect("a budget above 0");
+        if let Some(file) = one_line(streamed.read(&cut.levels)) {
+            assert!(file.scene.len() >= cut.gaussians);
+        }
+    }
 }
 
 /// `.ksplat` of every compression level.

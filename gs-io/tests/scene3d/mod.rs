@@ -7,4 +7,5 @@ mod nodes;
 mod real_files;
 mod round_trips;
 mod samples;
+mod streamed;
 mod world;

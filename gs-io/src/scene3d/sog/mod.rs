@@ -169,6 +169,18 @@ pub(crate) fn encode(
     scene: &Scene3d,
     options: &WriteOptions3d,
 ) -> Result<Encoded3d, Error> {
+    encode_runs(format, path, scene, &[scene.len()], options)
+}
+
+/// Encodes a scene as [`encode`] does, but sorts the Gaussians only within runs of these lengths, which
+/// follow each other.
+pub(super) fn encode_runs(
+    format: Format3d,
+    path: &Path,
+    scene: &Scene3d,
+    runs: &[usize],
+    options: &WriteOptions3d,
+) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
     let trained_with = &options.trained_with;
     let count = u32::try_from(scene.len()).ok().filter(|&count| count <= PlaneSize::MAX_PIXELS);
@@ -178,7 +190,7 @@ pub(crate) fn encode(
     let scene = &*scene;
     let grid = Grid::around(&scene.means);
     let words: Vec<[u16; 3]> = scene.means.iter().map(|&mean| grid.words(mean)).collect();
-    let order = order::along_morton_curve(&words);
+    let order = order::along_morton_curve(&words, runs);
     let size = PlaneSize::for_count(scene.len());
     let mut files = Vec::new();
     let image = |pixel: &dyn Fn(usize) -> [u8; 4]| size.encode(order.iter().map(|&i| pixel(i as usize)));

@@ -44,13 +44,18 @@ fn log(value: f32) -> f64 {
     f64::from(value).abs().ln_1p().copysign(value.into())
 }
 
-/// The numbers of points along the Morton curve.
-pub(super) fn along_morton_curve(points: &[[u16; 3]]) -> Vec<u32> {
+/// The numbers of points along the Morton curve, in each of the runs of these lengths.
+pub(super) fn along_morton_curve(points: &[[u16; 3]], runs: &[usize]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_by_cached_key(|&i| {
-        let [x, y, z] = points[i as usize].map(spread);
-        x | y << 1 | z << 2
-    });
+    let mut rest = &mut *order;
+    for &run in runs {
+        let (run, after) = rest.split_at_mut(run);
+        run.sort_by_cached_key(|&i| {
+            let [x, y, z] = points[i as usize].map(spread);
+            x | y << 1 | z << 2
+        });
+        rest = after;
+    }
     order
 }
 
@@ -78,7 +83,9 @@ mod tests {
 
     #[test]
     fn the_curve_keeps_neighbours_together() {
-        assert_eq!(along_morton_curve(&[[0, 0, 1], [1, 1, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0]]), [4, 3, 2, 1, 0]);
+        let points = [[0, 0, 1], [1, 1, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0]];
+        assert_eq!(along_morton_curve(&points, &[5]), [4, 3, 2, 1, 0]);
+        assert_eq!(along_morton_curve(&points, &[2, 3]), [1, 0, 4, 3, 2]);
         assert_eq!(spread(0b1000_0000_0000_0101), 1 << 45 | 1 << 6 | 1);
     }
 }

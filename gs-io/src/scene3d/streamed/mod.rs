@@ -1,0 +1,186 @@
+//! Streamed SOG, PlayCanvas's format for large scenes: levels of detail of the cells of a binary tree.
+//!
+//! `lod-meta.json` has the tree: a box for each node, and for each cell its run of Gaussians in a chunk
+//! for each level, 0 being the finest. A chunk is a SOG in a folder below, with the runs of many cells
+//! in one level. An environment is a SOG that every view draws.
+//!
+//! Errors are in world units where `errorUnit` is `"world"`, which only gs writes; others have a unit of
+//! their own. Without it, a level's error is guessed from the size of its cell and its number of
+//! Gaussians.
+//!
+//! *Source:* PlayCanvas, "The Streamed SOG format", version 1; checked against
+//! `@playcanvas/splat-transform`.
+
+mod meta;
+#[cfg(feature = "write")]
+mod plan;
+#[cfg(feature = "write")]
+mod write;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use gs_core::{LodNode, Scene, Scene3d};
+
+use self::meta::{LodMeta, Run};
+#[cfg(feature = "write")]
+pub(super) use self::write::{encode, write};
+use super::{File3d, Format3d, TrainedWith, checked, decode_3d, source::Source};
+use crate::{atomic::read_file, error::Error};
+
+/// The file that describes the others.
+pub(super) const META: &str = "lod-meta.json";
+
+pub(super) const WHAT: &str = "a streamed SOG";
+
+/// A streamed SOG, of which any level of any cell can be read.
+#[derive(Debug, Clone)]
+pub struct StreamedSog {
+    path: PathBuf,
+    bytes: u64,
+    chunks: Vec<Chunk>,
+    environment: Option<PathBuf>,
+    /// The run of each cell in each level, in the order of the tree; `None` where it has no Gaussians.
+    cells: Vec<Vec<Option<Run>>>,
+    tree: LodNode,
+}
+
+/// A SOG with runs of cells.
+#[derive(Debug, Clone)]
+struct Chunk {
+    path: PathBuf,
+    /// Number of its Gaussians according to the tree.
+    gaussians: usize,
+}
+
+impl StreamedSog {
+    /// Reads and checks a `lod-meta.json`, but none of the chunks.
+    ///
+    /// # Errors
+    /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for another file,
+    /// a tree with a missing child, bounds that are not finite or do not contain those of a child, counts
+    /// that disagree, and chunks outside of its folder; [`Error::TooNew`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let path = path.as_ref();
+        let bytes = read_file(path, WHAT)?;
+        Self::parse(&Source { path, what: WHAT, bytes: &bytes })
+    }
+
+    pub(super) fn parse(source: &Source<'_>) -> Result<Self, Error> {
+        let meta = LodMeta::parse(source)?;
+        let (tree, cells) = meta.checked_tree(source)?;
+        let folder = source.path.parent().unwrap_or(Path::new(""));
+        let gaussians = meta.chunk_sizes(source, &cells)?;
+        let chunk = |(name, gaussians): (&String, usize)| Chunk { path: folder.join(name), gaussians };
+        Ok(Self {
+            path: source.path.to_owned(),
+            bytes: source.bytes.len() as u64,
+            chunks: meta.filenames.iter().zip(gaussians).map(chunk).collect(),
+            environment: meta.environment.map(|name| folder.join(name)),
+            cells,
+            tree,
+        })
+    }
+
+    /// The bounds of the cells, and the number of Gaussians and the error of each level.
+    pub fn tree(&self) -> &LodNode {
+        &self.tree
+    }
+
+    /// The number of Gaussians of each level, without those of the environment, which all have.
+    pub fn counts(&self) -> Vec<usize> {
+        let levels = self.cells.first().map_or(0, Vec::len);
+        (0..levels).map(|level| self.cells.iter().flat_map(|runs| runs[level]).map(|run| run.count).sum()).collect()
+    }
+
+    /// Reads a level of each cell, such as those of [`LodNode::cut`], and the environment, and checks
+    /// every value as [`read_3d`](crate::read_3d) does.
+    ///
+    /// # Errors
+    /// Those of [`read_3d`](crate::read_3d) for each chunk; [`Error::Damaged`] for one whose number of
+    /// Gaussians is another than in the tree; [`Error::Unusable`] where there are no Gaussians.
+    ///
+    /// # Panics
+    /// Where there is another number of levels than of cells, or a level that is not there.
+    pub fn read(&self, levels: &[usize]) -> Result<File3d, Error> {
+        checked(self.read_unchecked(levels)?, &self.path)
+    }
+
+    fn read_unchecked(&self, levels: &[usize]) -> Result<File3d, Error> {
+        assert_eq!(levels.len(), self.cells.len(), "one level for each cell");
+        let mut wanted: Vec<Run> = self.cells.iter().zip(levels).filter_map(|(runs, &level)| runs[level]).collect();
+        wanted.sort_unstable_by_key(|run| (run.file, run.offset));
+        let mut whole = File3d::of(Format3d::StreamedSog, Scene3d::default());
+        whole.bytes = self.bytes;
+        let mut trained_with: Option<TrainedWith> = None;
+        let mut add = |path: &Path, runs: Option<&[Run]>, gaussians: Option<usize>| -> Result<(), Error> {
+            let bytes = read_file(path, "a chunk of a streamed SOG")?;
+            let chunk = decode_3d(Format3d::SogFolder, &bytes, path)?;
+            let found = chunk.scene.len();
+            if let Some(expected) = gaussians.filter(|&expected| expected != found) {
+                return Err(self.damaged(format!("{expected} Gaussians in {}", path.display()), found.to_string()));
+            }
+            match runs {
+                Some(runs) => runs.iter().for_each(|run| whole.scene.append(part(&chunk.scene, *run))),
+                None => whole.scene.append(chunk.scene),
+            }
+            whole.bytes += chunk.bytes;
+            whole.beside.push(path.to_owned());
+            whole.beside.extend(chunk.beside);
+            trained_with = Some(trained_with.map_or(chunk.trained_with, |all| all.in_common(chunk.trained_with)));
+            Ok(())
+        };
+        for runs in wanted.chunk_by(|a, b| a.file == b.file) {
+            let Chunk { path, gaussians } = &self.chunks[runs[0].file];
+            add(path, Some(runs), Some(*gaussians))?;
+        }
+        if let Some(path) = &self.environment {
+            add(path, None, None)?;
+        }
+        if whole.scene.is_empty() {
+            return Err(Error::empty(&self.path));
+        }
+        Ok(File3d { trained_with: trained_with.unwrap_or_default(), ..whole })
+    }
+
+    /// Reads the finest level of all cells.
+    pub(super) fn read_finest(&self) -> Result<File3d, Error> {
+        // The size of lod-meta.json is added by the caller, which has read it.
+        let file = self.read_unchecked(&vec![0; self.cells.len()])?;
+        Ok(File3d { bytes: file.bytes - self.bytes, ..file })
+    }
+
+    fn damaged(&self, expected: String, found: String) -> Error {
+        let source = Source { path: &self.path, what: WHAT, bytes: &[] };
+        source.damaged(0, expected, found)
+    }
+}
+
+/// The Gaussians of a run, which must be there.
+fn part(scene: &Scene3d, run: Run) -> Scene3d {
+    let (range, len) = (run.offset..run.offset + run.count, scene.sh_len());
+    Scene3d {
+        means: scene.means[range.clone()].to_vec(),
+        log_scales: scene.log_scales[range.clone()].to_vec(),
+        rotations: scene.rotations[range.clone()].to_vec(),
+        opacity_logits: scene.opacity_logits[range.clone()].to_vec(),
+        sh_degree: scene.sh_degree,
+        sh: scene.sh[len * range.start..len * range.end].to_vec(),
+    }
+}
+
+/// The files of chunks that are in the folder of a `lod-meta.json`.
+pub(super) fn chunk_files(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let chunks = entries(folder).filter(|path| path.file_name().and_then(|n| n.to_str()).is_some_and(is_chunk));
+    chunks.flat_map(|chunk| entries(&chunk)).collect()
+}
+
+/// Whether a folder has the name of a chunk: level, underscore, number.
+fn is_chunk(name: &str) -> bool {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    name.split_once('_').is_some_and(|(level, number)| is_number(level) && is_number(number))
+}

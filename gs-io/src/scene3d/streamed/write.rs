@@ -1,0 +1,183 @@
+//! Writes a scene with levels of detail as a streamed SOG.
+
+use std::{fs, io, path::Path};
+
+use gs_core::{Bounds, Gaussian3d, Scene, Scene3d};
+use gs_density::Level;
+use rayon::prelude::*;
+
+use super::{
+    META,
+    meta::{Bound, Node},
+    plan::{CELL, Cell, Plan},
+};
+use crate::{
+    FolderClaim, OutputFolder,
+    atomic::write_durably,
+    error::Error,
+    scene3d::{
+        ConversionLoss, Encoded3d, Format3d, WriteOptions3d, Written3d, check_writable, in_world, range, sog,
+        values::UnitRotations,
+    },
+};
+
+/// Cells whose levels are computed at once.
+const BATCH: usize = 32;
+
+/// Takes a file of a streamed SOG: its name with `/`, and its content.
+type Sink<'a> = dyn FnMut(&str, &[u8]) -> Result<(), Error> + 'a;
+
+/// Encodes a scene as `lod-meta.json` with the files of all chunks.
+pub(crate) fn encode(_: Format3d, path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
+    let mut files = Vec::new();
+    let (bytes, losses) = encode_chunks(path, &Plan::of(scene.len()), scene, options, &mut |name, bytes| {
+        files.push((path.with_file_name(name), bytes.to_vec()));
+        Ok(())
+    })?;
+    Ok(Encoded3d::of(Format3d::StreamedSog, bytes, losses).beside(files))
+}
+
+/// Writes a streamed SOG as [`write_3d`](crate::write_3d) does: all chunks into a temporary folder, and
+/// when they are complete, into their places, `lod-meta.json` last. Needs memory for some chunks beside
+/// the scene.
+pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
+    check_writable(path, scene)?;
+    range::check(path, Format3d::StreamedSog, scene, options)?;
+    if let Some(frame) = options.world() {
+        let scene = in_world(path, scene, &frame)?;
+        return write(path, &scene, &options.with(|s| s.trained_with.frame = crate::WorldFrame::WORLD));
+    }
+    let plan = Plan::of(scene.len());
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let names: Vec<String> = plan.names(scene.sh_degree).chain([META.to_owned()]).collect();
+    let folder = FolderClaim::new(folder, names.iter().cloned()).begin()?;
+    let result = write_into(&folder, &plan, &names, scene, options);
+    let losses = result.inspect_err(|_| folder.remove_if_new())?;
+    let beside = names[..names.len() - 1].iter().map(|name| folder.path().join(name)).collect();
+    Ok(Written3d { format: Format3d::StreamedSog, losses, beside, order: None })
+}
+
+fn write_into(
+    folder: &OutputFolder,
+    plan: &Plan,
+    names: &[String],
+    scene: &Scene3d,
+    options: &WriteOptions3d,
+) -> Result<Vec<ConversionLoss>, Error> {
+    let place = folder.path();
+    let failed = |error: io::Error| Error::write(place, error);
+    let unfinished = folder.temporary_folder()?;
+    for chunk in &plan.chunks {
+        fs::create_dir(unfinished.path().join(chunk)).map_err(failed)?;
+    }
+    let mut write =
+        |name: &str, bytes: &[u8]| write_durably(unfinished.path().join(name), |file| file.write_all(bytes));
+    let (meta, losses) = encode_chunks(&place.join(META), plan, scene, options, &mut write)?;
+    write(META, &meta)?;
+    // Without its lod-meta.json, an older scene whose chunks are replaced is not read.
+    folder.remove(META)?;
+    for chunk in &plan.chunks {
+        fs::create_dir_all(place.join(chunk)).map_err(failed)?;
+    }
+    for name in names {
+        fs::rename(unfinished.path().join(name), folder.file(name)).map_err(failed)?;
+    }
+    let old = folder.claimed("").into_iter().filter(|name| !names.contains(name));
+    for name in old.filter(|name| name.split_once('/').is_some_and(|(chunk, _)| super::is_chunk(chunk))) {
+        folder.remove(&name)?;
+    }
+    Ok(losses)
+}
+
+/// Encodes all chunks, and returns the content of `lod-meta.json` and what is lost in the finest level.
+fn encode_chunks(
+    path: &Path,
+    plan: &Plan,
+    scene: &Scene3d,
+    options: &WriteOptions3d,
+    sink: &mut Sink<'_>,
+) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
+    UnitRotations::new(scene, path)?;
+    let order = gs_density::spatial_order(&scene.means, CELL);
+    let mut losses: Vec<ConversionLoss> = Vec::new();
+    let mut leaves = Vec::with_capacity(plan.cells.len());
+    let mut chunks: Vec<Scene3d> = vec![Scene3d::default(); plan.chunks.len()];
+    let mut end_chunk = |file: usize, chunk: Scene3d| {
+        let name = &plan.chunks[file];
+        let meta = format!("{name}/{}", sog::META);
+        let Encoded3d { bytes, beside, written } =
+            sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), options)?;
+        if name.starts_with("0_") {
+            ConversionLoss::join(&mut losses, written.losses);
+        }
+        for (image, bytes) in beside {
+            let image = image.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            sink(&format!("{name}/{image}"), &bytes)?;
+        }
+        sink(&meta, &bytes)
+    };
+    for (number, batch) in plan.cells.chunks(BATCH).enumerate() {
+        let of = |cell: &Cell| levels(scene, &order[cell.members.clone()], cell);
+        let levels: Vec<Vec<Level>> = batch.par_iter().map(of).collect();
+        for (k, (cell, levels)) in batch.iter().zip(levels).enumerate() {
+            leaves.push(leaf(cell, &levels));
+            let later = &plan.cells[number * BATCH + k + 1..];
+            for (run, level) in cell.runs.iter().zip(levels) {
+                chunks[run.file].append(level.scene);
+                let is_last = !later.iter().take(1).any(|next| next.runs.iter().any(|other| other.file == run.file));
+                if is_last {
+                    end_chunk(run.file, std::mem::take(&mut chunks[run.file]))?;
+                }
+            }
+        }
+    }
+    let meta = serde_json::to_vec(&plan.meta(leaves)).map_err(|error| Error::write(path, error.into()))?;
+    Ok((meta, losses))
+}
+
+/// All levels of a cell, the finest first.
+fn levels(scene: &Scene3d, members: &[u32], cell: &Cell) -> Vec<Level> {
+    let counts: Vec<usize> = cell.runs.iter().map(|run| run.count).collect();
+    gs_density::levels(scene, members, &counts)
+}
+
+/// The node of a cell: the bounds of its Gaussians in all levels, out to a standard deviation, its runs
+/// and errors.
+fn leaf(cell: &Cell, levels: &[Level]) -> Node {
+    let gaussians = levels.iter().flat_map(|level| (0..level.scene.len()).map(|i| level.scene.gaussian(i)));
+    let bounds = gaussians.map(|gaussian| extent(&gaussian)).fold(Bounds::EMPTY, Bounds::union);
+    let lods = cell.runs.iter().enumerate().map(|(level, run)| (level.to_string(), *run));
+    let mut largest = 0.0;
+    let errors = levels.iter().map(|level| {
+        largest = f64::max(largest, level.error.into());
+        rounded(largest)
+    });
+    Node { bound: Bound::of(&bounds), children: None, lods: Some(lods.collect()), errors: Some(errors.collect()) }
+}
+
+/// The box around a Gaussian's ellipsoid of one standard deviation.
+fn extent(gaussian: &Gaussian3d) -> Bounds {
+    let covariance = gaussian.covariance().unwrap_or_default();
+    let reach = glam::Vec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z).map(f32::sqrt);
+    Bounds { min: gaussian.mean - reach, max: gaussian.mean + reach }
+}
+
+impl Bound {
+    /// Numbers of 7 digits, as the format prescribes.
+    fn of(bounds: &Bounds) -> Self {
+        let numbers = |corner: glam::Vec3| corner.to_array().map(|number| Some(rounded(number.into())));
+        Self { min: numbers(bounds.min), max: numbers(bounds.max) }
+    }
+
+    pub(super) fn union(&self, other: &Self) -> Self {
+        let both = |a: [Option<f64>; 3], b: [Option<f64>; 3], of: fn(f64, f64) -> f64| {
+            std::array::from_fn(|axis| a[axis].zip(b[axis]).map(|(a, b)| of(a, b)))
+        };
+        Self { min: both(self.min, other.min, f64::min), max: both(self.max, other.max, f64::max) }
+    }
+}
+
+/// The nearest number of 7 significant digits.
+fn rounded(number: f64) -> f64 {
+    format!("{number:.6e}").parse().unwrap_or(number)
+}

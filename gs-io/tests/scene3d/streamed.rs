@@ -1,0 +1,256 @@
+//! Streamed SOG: levels of detail round-trip, a folder is written whole or not at all, and damaged trees
+//! are refused.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use glam::Vec3;
+use gs_core::{Gaussian3d, LodNode, Scene, Scene3d};
+use gs_io::{Error, FolderClaim, Format3d, StreamedSog, WriteOptions3d, encode_3d, read_3d, read_scene, write_3d};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// Gaussians on a wavy square of about 40 by 40, more than a cell has.
+fn city(count: usize) -> Scene3d {
+    let gaussian = |i: usize| {
+        let t = i as f32;
+        let (x, y) = ((t * 0.618_034).fract() * 40.0, (t * 0.754_877_7).fract() * 40.0);
+        Gaussian3d {
+            mean: Vec3::new(x, (0.5 * x).sin() + (0.3 * y).cos(), y),
+            log_scale: Vec3::new(-1.5 + 0.3 * (1.3 * t).sin(), -1.6, -4.0),
+            rotation: [1.0, 0.3 * (0.7 * t).sin(), 0.0, 0.3 * t.cos()],
+            opacity_logit: 1.5 * (2.1 * t).sin() + 1.0,
+            sh: (0..4).map(|k| Vec3::splat((0.2 * x + k as f32).sin())).collect(),
+        }
+    };
+    (0..count).map(gaussian).collect()
+}
+
+/// A scene of this many Gaussians in the folder `city` of a temporary folder.
+fn written(count: usize) -> (TempDir, PathBuf, Scene3d) {
+    let (place, scene) = (tempfile::tempdir().unwrap(), city(count));
+    let path = place.path().join("city/lod-meta.json");
+    let written = write_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
+    assert_eq!(written.format, Format3d::StreamedSog);
+    assert!(written.beside.iter().all(|file| file.is_file()) && !written.losses.is_empty());
+    (place, path, scene)
+}
+
+fn json_of(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn inside(tree: &LodNode) -> bool {
+    match tree {
+        LodNode::Inner { bounds, children } => {
+            children.iter().all(|child| bounds.contains(child.bounds()) && inside(child))
+        }
+        LodNode::Leaf { .. } => true,
+    }
+}
+
+#[test]
+fn all_levels_come_back() {
+    let (place, path, scene) = written(9000);
+    let finest = read_3d(&path).unwrap();
+    assert_eq!((finest.format, finest.scene.len(), finest.scene.sh_degree), (Format3d::StreamedSog, 9000, 1));
+    // Both are the same Gaussians in other orders, to 16 bits of the ln-distance.
+    let sorted = |scene: &Scene3d| {
+        let mut means = scene.means.clone();
+        means.sort_by(|a, b| a.x.total_cmp(&b.x));
+        means
+    };
+    let sums = |scene: &Scene3d| scene.means.iter().copied().sum::<Vec3>() / 9000.0;
+    assert!(sorted(&scene).iter().zip(sorted(&finest.scene)).all(|(a, b)| (a.x - b.x).abs() < 0.01));
+    assert!(sums(&scene).distance(sums(&finest.scene)) < 0.001);
+    let streamed = StreamedSog::open(&path).unwrap();
+    assert_eq!(streamed.counts(), [9000, 4500, 2250, 1124, 562, 280, 140]);
+    let cells = streamed.tree().cells();
+    assert_eq!(cells.len(), 2);
+    assert!(inside(streamed.tree()));
+    for level in 0..7 {
+        let file = streamed.read(&vec![level; cells.len()]).unwrap();
+        assert_eq!(file.scene.len(), streamed.counts()[level]);
+        assert!(file.bytes > 1000 && file.beside.len() >= 8);
+        // Coarser Gaussians are at the same place, wider apart, and larger.
+        assert!(sums_of(&file.scene).distance(sums(&scene)) < 1.0);
+        let outside = |mean: &Vec3| {
+            cells.iter().all(|(b, _)| !(b.min.cmple(*mean + 0.01).all() && b.max.cmpge(*mean - 0.01).all()))
+        };
+        assert!(!file.scene.means.iter().any(outside));
+    }
+    for (_, levels) in &cells {
+        assert_eq!(levels[0].error, 0.0);
+        assert!(levels.windows(2).all(|pair| pair[0].error < pair[1].error && pair[0].gaussians > pair[1].gaussians));
+    }
+    let mixed = streamed.read(&[3, 0]).unwrap().scene.len();
+    assert_eq!(mixed, cells[0].1[3].gaussians + cells[1].1[0].gaussians);
+    // The folder is a scene, too.
+    assert_eq!(read_scene(path.parent().unwrap(), gs_io::Values::Checked).unwrap().path, path);
+    drop(place);
+}
+
+fn sums_of(scene: &Scene3d) -> Vec3 {
+    scene.means.iter().copied().sum::<Vec3>() / scene.len() as f32
+}
+
+#[test]
+fn small_scenes_have_fewer_levels() {
+    let (_place, path, _) = written(5);
+    assert_eq!(StreamedSog::open(&path).unwrap().counts(), [5, 2, 1]);
+    let (_place, path, _) = written(1);
+    assert_eq!(StreamedSog::open(&path).unwrap().counts(), [1]);
+}
+
+#[test]
+fn encoded_and_written_files_are_the_same() {
+    let (_place, path, scene) = written(70);
+    let encoded = encode_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
+    assert_eq!(encoded.bytes, fs::read(&path).unwrap());
+    assert_eq!(encoded.beside.len(), 7 * 8);
+    encoded.beside.iter().for_each(|(path, bytes)| assert_eq!(*bytes, fs::read(path).unwrap()));
+}
+
+#[test]
+fn a_folder_is_replaced_only_if_gs_wrote_it() {
+    let (_place, path, _) = written(70);
+    let folder = path.parent().unwrap();
+    // A smaller scene leaves nothing of the larger one.
+    write_3d(&path, &city(3), &WriteOptions3d::default()).unwrap();
+    assert_eq!(read_3d(&path).unwrap().scene.len(), 3);
+    assert!(!folder.join("5_0/meta.json").exists() && folder.join("1_0/meta.json").is_file());
+    let left = fs::read_dir(folder)
+        .unwrap()
+        .filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|e| e == "tmp"));
+    assert_eq!(left.count(), 0);
+    fs::write(folder.join("mine.txt"), "mine").unwrap();
+    write_3d(&path, &city(4), &WriteOptions3d::default()).unwrap();
+
+    let other = tempfile::tempdir().unwrap();
+    fs::create_dir(other.path().join("0_0")).unwrap();
+    fs::write(other.path().join("0_0/meta.json"), "mine").unwrap();
+    let error = write_3d(other.path().join("lod-meta.json"), &city(4), &WriteOptions3d::default()).unwrap_err();
+    assert!(matches!(error, Error::InTheWay { .. }), "{error}");
+    assert_eq!(fs::read(other.path().join("0_0/meta.json")).unwrap(), b"mine");
+    assert!(!other.path().join("lod-meta.json").exists());
+}
+
+#[test]
+fn a_failure_leaves_the_older_scene_or_nothing() {
+    let (place, path, _) = written(70);
+    let mut broken = city(70);
+    broken.rotations[3] = [0.0; 4];
+    assert!(matches!(write_3d(&path, &broken, &WriteOptions3d::default()), Err(Error::Content { .. })));
+    assert_eq!(read_3d(&path).unwrap().scene.len(), 70);
+    let new = place.path().join("new/lod-meta.json");
+    assert!(write_3d(&new, &broken, &WriteOptions3d::default()).is_err());
+    assert!(!place.path().join("new").exists());
+    // Another run is at work in the folder.
+    let _run = FolderClaim::new(path.parent().unwrap(), [""; 0]).begin().unwrap();
+    assert!(matches!(write_3d(&path, &city(3), &WriteOptions3d::default()), Err(Error::Busy { .. })));
+    assert_eq!(read_3d(&path).unwrap().scene.len(), 70);
+}
+
+/// Expects the error of a `lod-meta.json` that was edited.
+#[track_caller]
+fn refused(path: &Path, edit: impl FnOnce(&mut Value), expected: &str) {
+    let mut meta = json_of(path);
+    edit(&mut meta);
+    let copy = path.with_file_name("copy").join("lod-meta.json");
+    fs::create_dir_all(copy.parent().unwrap()).unwrap();
+    fs::write(&copy, meta.to_string()).unwrap();
+    let text = StreamedSog::open(&copy).map(drop).unwrap_err().to_string();
+    assert!(
+        text.contains(expected) && text.contains("lod-meta.json") && !text.contains('\n'),
+        "{text:?}, not {expected:?}"
+    );
+}
+
+#[test]
+fn damaged_trees_are_refused() {
+    let (_place, path, _) = written(8194);
+    let left = |meta: &mut Value| meta["tree"]["children"][0].take();
+    refused(&path, |m| m["tree"]["children"][1] = Value::Null, "expected two children of a node, found 1");
+    refused(&path, |m| m["tree"]["children"] = json!([left(&mut m.clone())]), "two children of a node, found 1");
+    refused(&path, |m| m["tree"]["children"][0]["children"] = json!([]), "either `children` or `lods`");
+    refused(&path, |m| m["tree"]["children"][0]["lods"] = Value::Null, "either `children` or `lods`");
+    refused(&path, |m| m["tree"]["bound"]["max"][0] = json!(1.0), "expected bounds inside those of the node above");
+    refused(&path, |m| m["tree"]["bound"]["min"][2] = Value::Null, "expected finite bounds of nodes");
+    refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(1e300), "expected finite bounds of nodes");
+    refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(100.0), "min up to max");
+    refused(&path, |m| m["counts"][1] = json!(4), "expected 4 Gaussians in the cells of level 1, found 4096");
+    refused(&path, |m| m["count"] = json!(4), "expected 4 Gaussians in all levels");
+    refused(&path, |m| m["counts"] = json!([8194]), "expected 7 counts of levels, found 1");
+    refused(&path, |m| m["lodLevels"] = json!(1e6 as u64), "expected 1 to 64 levels, found 1000000");
+    refused(&path, |m| m["lodLevels"] = json!(0), "expected 1 to 64 levels");
+    let cell = |m: &mut Value, key: &str, value: Value| m["tree"]["children"][1]["lods"][key] = value;
+    refused(&path, |m| cell(m, "7", json!({"file": 0, "offset": 0, "count": 1})), "expected levels below 7");
+    refused(&path, |m| cell(m, "0", json!({"file": 99, "offset": 0, "count": 4097})), "expected chunks below 7");
+    refused(&path, |m| cell(m, "0", json!({"file": 0, "offset": 5, "count": 4097})), "a run that begins at Gaussian");
+    refused(&path, |m| cell(m, "0", json!({"file": 0, "offset": 0, "count": -1})), "invalid value");
+    refused(
+        &path,
+        |m| m["tree"]["children"][0]["errors"] = json!([0, -1, 2, 3, 4, 5, 6]),
+        "expected 7 errors of a cell",
+    );
+    refused(&path, |m| m["version"] = json!(2), "expected a streamed SOG of version 1 or older, found version 2");
+    for name in ["/etc/passwd", "../0_0/meta.json", "0_0/../../x", "C:\\x", "", "a\\b", "\\\\host\\x"] {
+        refused(&path, |m| m["filenames"][0] = json!(name), "names of files below the folder of lod-meta.json");
+        refused(&path, |m| m["environment"] = json!(name), "names of files below the folder of lod-meta.json");
+    }
+    // Nested more deeply than any tree.
+    let deep = "{\"tree\":".repeat(100_000);
+    fs::write(&path, deep).unwrap();
+    assert!(matches!(StreamedSog::open(&path), Err(Error::Damaged { .. })));
+}
+
+#[test]
+fn missing_and_damaged_chunks_are_named() {
+    let (_place, path, _) = written(70);
+    let folder = path.parent().unwrap();
+    let text = |name: &str| {
+        let text = read_3d(&path).unwrap_err().to_string();
+        assert!(text.contains(name) && !text.contains('\n'), "{text}");
+        text
+    };
+    let image = folder.join("0_0/quats.webp");
+    let bytes = fs::read(&image).unwrap();
+    fs::write(&image, &bytes[..bytes.len() / 2]).unwrap();
+    text("quats.webp");
+    fs::write(&image, &bytes).unwrap();
+    // A chunk of another scene.
+    let other = tempfile::tempdir().unwrap();
+    let other_path = other.path().join("meta.json");
+    let made = write_3d(&other_path, &city(60), &WriteOptions3d::default()).unwrap();
+    for file in made.beside.iter().chain([&other_path]) {
+        fs::copy(file, folder.join("0_0").join(file.file_name().unwrap())).unwrap();
+    }
+    assert!(text("lod-meta.json").contains("expected 70 Gaussians in "));
+    fs::remove_file(folder.join("0_0/meta.json")).unwrap();
+    assert!(text("meta.json").contains("no such file"));
+    // Other levels do not need it.
+    assert_eq!(StreamedSog::open(&path).unwrap().read(&[1]).unwrap().scene.len(), 35);
+}
+
+#[test]
+fn files_of_other_programs_are_read() {
+    let (_place, path, _) = written(70);
+    let mut meta = json_of(&path);
+    // From before there were versions, without errors, with an environment.
+    for key in ["version", "asset", "count", "counts", "lodErrors", "errorUnit"] {
+        meta.as_object_mut().unwrap().remove(key);
+    }
+    meta["environment"] = Value::Null;
+    meta["tree"]["lods"].as_object_mut().unwrap().remove("6");
+    fs::write(&path, meta.to_string()).unwrap();
+    let streamed = StreamedSog::open(&path).unwrap();
+    assert_eq!(streamed.counts()[5..], [2, 0]);
+    let levels = streamed.tree().cells()[0].1.to_vec();
+    // Errors are guessed; no Gaussians at all are the worst.
+    assert!(levels[0].error == 0.0 && levels.windows(2).all(|pair| pair[0].error <= pair[1].error), "{levels:?}");
+    meta["environment"] = json!("3_0/meta.json");
+    fs::write(&path, meta.to_string()).unwrap();
+    assert_eq!(read_3d(&path).unwrap().scene.len(), 70 + 8);
+}
