@@ -12,6 +12,7 @@
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
+//! | … with levels of detail: streamed SOG | [`read_3d`], [`StreamedSog`] | [`write_3d`] |
 //! | edits of 3D scenes: moving, cropping, joining and the like | [`Edit`] | – |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |
 //!

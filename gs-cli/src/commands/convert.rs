@@ -50,8 +50,8 @@ pub(crate) struct ConvertArgs {
     ))]
     from: PathBuf,
     #[arg(help = format!(
-        "The file to write, with the ending of its format: {}; meta.json for a SOG as images in its folder; for a 2D \
-         scene .ply or .gs2d.safetensors",
+        "The file to write, with the ending of its format: {}; meta.json for a SOG as images in its folder, \
+         lod-meta.json for a streamed SOG with levels of detail; for a 2D scene .ply or .gs2d.safetensors",
         Format3d::endings()
     ))]
     to: PathBuf,
@@ -192,15 +192,24 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
     beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let File3d { scene, .. } = &file;
-    let written = gs_io::write_3d(&args.to, scene, &options).map_err(Failure::of_scene)?;
-    let mut after = gs_io::read_3d(&args.to).map_err(Failure::of_scene)?;
+    let written = gs_io::write_3d(&args.to, scene, &options).map_err(|error| match error {
+        gs_io::Error::InTheWay { .. } => Failure::failed(error).hint("write into another folder"),
+        error => Failure::of_scene(error),
+    })?;
+    // A streamed SOG is for scenes of which memory may not hold a second copy.
+    let is_compared = written.format != Format3d::StreamedSog;
+    let mut after = match is_compared || dataset.is_some() {
+        true => Some(gs_io::read_3d(&args.to).map_err(Failure::of_scene)?),
+        false => None,
+    };
     // A format without a frame was read in the coordinates of the world.
-    if matches!(args.frame, Frame::World) {
+    if let Some(after) = after.as_mut().filter(|_| matches!(args.frame, Frame::World)) {
         after.move_to(options.trained_with.frame);
     }
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
     let sorted = written.order.map(|order| in_order(scene, &order));
+    let before_rounding = sorted.as_ref().unwrap_or(scene);
     let frame = if matches!(args.frame, Frame::World) { WorldFrame::WORLD } else { file.trained_with.frame };
     let conversion = Conversion {
         read: Side::new(&path, file.format, file.bytes, all),
@@ -212,10 +221,15 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         beyond_format,
         reduction,
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-        rounding: Rounding::between(sorted.as_ref().unwrap_or(scene), &after.scene),
-        cost: dataset
-            .map(|dataset| args.quality.measure(&dataset, before.as_ref().unwrap_or(&file), &after))
-            .transpose()?,
+        rounding: after
+            .iter()
+            .filter(|_| is_compared)
+            .flat_map(|after| Rounding::between(before_rounding, &after.scene))
+            .collect(),
+        cost: match dataset.zip(after) {
+            Some((dataset, after)) => Some(args.quality.measure(&dataset, before.as_ref().unwrap_or(&file), &after)?),
+            None => None,
+        },
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }

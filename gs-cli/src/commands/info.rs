@@ -103,7 +103,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     }
     let SceneFile { path, scene, metadata, has_alpha, .. } = scene::read(file, Values::Any)?;
     let scene_2d = match scene {
-        AnyScene::ThreeD(file) => return scene3d::print(*file, metadata, args.json),
+        AnyScene::ThreeD(file) => return scene3d::print(&path, *file, metadata, args.json),
         AnyScene::TwoD(scene_2d) => scene_2d,
     };
     let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());

@@ -233,7 +233,7 @@ class Scene3d:
 
         ``.ply`` keeps the scene without loss. ``.gltf`` and ``.glb`` keep it but for rounding.
         ``.spz`` and ``.sog`` are compressed with loss; a SOG can also be a folder of files, named
-        by its ``meta.json``. ``.splat`` has no SH above degree 0, and does not
+        by its ``meta.json``, or with levels of detail, named ``lod-meta.json``. ``.splat`` has no SH above degree 0, and does not
         say with which antialiasing the scene was trained.
 
         :raises OSError: for a file that cannot be written, or another ending.
@@ -257,7 +257,7 @@ def load(path: Path) -> Scene2d | Scene3d:
     """Read a scene: a scene file, a checkpoint, or an output folder of ``gs``.
 
     2D scenes are ``.gs2d.safetensors`` and ``.gsi`` files. 3D scenes are PLY files (also
-    compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG and glTF files.
+    compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG, streamed SOG and glTF files.
 
     :raises OSError: for a file that cannot be read or is damaged.
     """

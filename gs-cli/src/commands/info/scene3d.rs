@@ -1,14 +1,14 @@
 //! `gs info` of a 3D scene or a checkpoint of one: number, positions, sizes and opacities of its
 //! Gaussians.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use gs_core::{
     Scene, Scene3d,
     effects::{Antialias, Order},
     sigmoid,
 };
-use gs_io::{File3d, WorldFrame};
+use gs_io::{File3d, Format3d, StreamedSog, WorldFrame};
 use serde::Serialize;
 
 use super::{
@@ -48,6 +48,9 @@ struct Info {
     frame: Option<WorldFrame>,
     /// What the scene lacks of the file.
     losses: Vec<String>,
+    /// Gaussians of each level of detail of a streamed SOG, the finest first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    levels: Vec<usize>,
     /// The metadata of a checkpoint.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     metadata: BTreeMap<String, String>,
@@ -60,7 +63,12 @@ struct Bounds {
 }
 
 /// Prints the content of a 3D scene, or of a checkpoint with this metadata.
-pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, json: bool) -> Result<(), Failure> {
+pub(super) fn print(
+    path: &Path,
+    file: File3d,
+    metadata: Option<BTreeMap<String, String>>,
+    json: bool,
+) -> Result<(), Failure> {
     let File3d { scene, format: kind, bytes, losses, picture, trained_with, .. } = file;
     let losses = losses.iter().map(ToString::to_string).collect();
     let info = match metadata {
@@ -69,7 +77,11 @@ pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, js
     };
     let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
     let frame = Some(trained_with.frame).filter(|frame| !frame.is_world());
-    let info = Info { antialias, order, frame, losses, picture, ..info };
+    let levels = match kind {
+        Format3d::StreamedSog => StreamedSog::open(path)?.counts(),
+        _ => Vec::new(),
+    };
+    let info = Info { antialias, order, frame, losses, levels, picture, ..info };
     output::answer(json, &info, || text(&info))
 }
 
@@ -96,6 +108,7 @@ impl Info {
             order: None,
             frame: None,
             losses: Vec::new(),
+            levels: Vec::new(),
             metadata: BTreeMap::new(),
         }
     }
@@ -110,6 +123,9 @@ fn text(info: &Info) -> String {
         ("SH degree", info.sh_degree.to_string()),
         ("size", format!("{} bytes{each}", info.bytes)),
     ];
+    if !info.levels.is_empty() {
+        rows.push(("levels of detail", format!("{:?} Gaussians", info.levels)));
+    }
     if let Some((width, height)) = info.picture {
         rows.push(("picture", format!("{width}x{height} px, in a plane")));
     }

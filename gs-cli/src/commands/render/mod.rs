@@ -1,5 +1,6 @@
 //! `gs render`: a scene as a picture, or as many pictures of a moving camera.
 
+mod lod;
 mod scene2d;
 mod scene3d;
 
@@ -12,6 +13,7 @@ use gs_core::{Scene as _, counted};
 use gs_io::{AnyScene, Extent, GsiFile, is_gsi, read_gsi};
 use gs_lab::price::FrontierSettings;
 
+use self::lod::Lod;
 use crate::{
     failure::Failure,
     files::{output_folder::OverwriteArgs, scene},
@@ -77,6 +79,10 @@ pub(crate) struct RenderArgs {
     /// the border
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, conflicts_with_all = ["camera", "orbit", "path"])]
     region: Option<Region>,
+    /// Draw at most N Gaussians of a streamed SOG: each part of the scene in the coarsest level whose error
+    /// stays below a pixel, or the smallest error that N allows; one choice for all frames
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..))]
+    max_gaussians: Option<u32>,
     /// Settings file of gs frontier, with accuracy, effects and backend; flags override it
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
@@ -145,11 +151,15 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let failure = Failure::usage("a picture is written as PNG").at(args.output.display());
         return Err(failure.hint("let its name end in .png, or in .apng for an animation"));
     }
+    if let Some(budget) = args.max_gaussians {
+        let lod = Lod::open(&args.scene, budget)?;
+        return scene3d::run(args, &lod.coarsest()?, Some(&lod));
+    }
     let picture = if args.partial || is_gsi(&args.scene) {
         read_compressed(args)?
     } else {
         match scene::read_any(&args.scene)? {
-            AnyScene::ThreeD(file) => return scene3d::run(args, &file),
+            AnyScene::ThreeD(file) => return scene3d::run(args, &file, None),
             AnyScene::TwoD(file) => (*file).into(),
         }
     };

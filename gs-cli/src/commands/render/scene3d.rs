@@ -14,7 +14,7 @@ use gs_io::{
 };
 use gs_train::parse_json;
 
-use super::{CameraArgs, RenderArgs};
+use super::{CameraArgs, RenderArgs, lod::Lod};
 use crate::{
     failure::Failure,
     files::{
@@ -31,17 +31,19 @@ use crate::{
     terminal::output,
 };
 
-/// Renders a scene from each camera.
-pub(super) fn run(args: &RenderArgs, file: &File3d) -> Result<(), Failure> {
+/// Renders a scene from each camera: `file`, or the levels of `lod` that the cameras need.
+pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result<(), Failure> {
     if args.region.is_some() {
         let message = "--region is for 2D scenes, but this is a 3D scene";
         return Err(Failure::usage(message).at(args.scene.display()).hint("leave it out"));
     }
-    let scene = &file.scene;
     let (cameras, dataset) = cameras(&args.cameras, args.size, file)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
+    let needed = lod.map(|lod| lod.read(&cameras)).transpose()?;
+    let file = needed.as_ref().unwrap_or(file);
+    let scene = &file.scene;
     let is_transparent = args.render.background == Some(Behind::None);
     if is_transparent && matches!(Output::of(args, cameras.len())?, Output::Animation) {
         let message = "--background none: animated PNGs are written without alpha";

@@ -99,7 +99,7 @@ fn newest_scene(folder: &Path) -> Option<PathBuf> {
 /// Whether a file is a scene by its name; files are not opened for the list.
 fn is_scene(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    let one_file = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder));
+    let one_file = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder | Format3d::StreamedSog));
     one_file || ["ksplat", GSI_EXTENSION, "safetensors", "ply"].contains(&ending.as_str())
 }
 
