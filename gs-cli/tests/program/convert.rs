@@ -267,6 +267,41 @@ fn a_sog_is_written_in_one_file_or_in_a_folder() {
 }
 
 #[test]
+fn a_streamed_sog_has_levels_of_detail() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let (first, city) = (ply(place.path()), path("city/lod-meta.json"));
+    let json = convert(&first, &city, &["--json"]).json();
+    assert_eq!((&json["gaussians"], &json["written"]["format"]), (&10.into(), &"streamed SOG".into()));
+    for scene in [&city, &path("city")] {
+        let info = gs(["info", "--json", text(scene)]).json();
+        assert_eq!((&info["gaussians"], &info["levels"]), (&10.into(), &serde_json::json!([10, 5, 2, 1])));
+    }
+    assert_eq!(convert(&city, &path("back.ply"), &["--json"]).json()["gaussians"], 10);
+
+    let picture = path("view.png");
+    let render = |scene: &Path, flags: &[&str]| {
+        gs(["render", text(scene), "-o", text(&picture), "--size", "60x40"].iter().chain(flags))
+    };
+    let run = render(&path("city"), &["--max-gaussians", "6"]).done();
+    assert!(run.stderr.contains("drawing 5 Gaussians for 10, an error of up to "), "{run:?}");
+    let run = render(&city, &["--max-gaussians", "1000", "--orbit", "1"]).done();
+    assert!(run.stderr.contains(" Gaussians for 10"), "{run:?}");
+    assert_eq!(render(&city, &["--max-gaussians", "0"]).status, Some(2));
+    let run = render(&first, &["--max-gaussians", "6"]);
+    assert!(run.status == Some(2) && run.refusal().contains("is for streamed SOG"), "{run:?}");
+
+    // What the scene is read from and what others wrote is not replaced.
+    let run = convert(&path("city/0_0/meta.json"), &city, &[]);
+    assert!(run.refusal().contains("is an input of this run"), "{run:?}");
+    fs::create_dir(path("other")).unwrap();
+    fs::write(path("other/lod-meta.json"), "mine").unwrap();
+    let run = convert(&first, &path("other/lod-meta.json"), &[]);
+    assert!(run.refusal().contains("is in the way") && run.refusal().contains("another folder"), "{run:?}");
+    assert_eq!(names_in(&path("other")), ["lod-meta.json"]);
+}
+
+#[test]
 fn a_scene_is_reduced_and_the_cost_is_printed() {
     let place = folder();
     let path = |name: &str| place.path().join(name);
