@@ -219,6 +219,7 @@ pub(crate) fn is_temporary(name: &str) -> bool {
 }
 
 /// A temporary folder in another, with the name of a temporary file.
+#[cfg(feature = "write")]
 pub(crate) fn new_temporary_folder(folder: &Path) -> io::Result<tempfile::TempDir> {
     let (prefix, drawn, suffix) = TEMPORARY;
     tempfile::Builder::new().prefix(prefix).rand_bytes(drawn).suffix(suffix).tempdir_in(folder)

@@ -1,6 +1,6 @@
 //! Levels of detail: which level of each cell of a scene a view draws.
 
-use std::{cmp::Ordering, collections::BinaryHeap};
+use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::Vec3;
 
@@ -111,94 +111,53 @@ impl LodNode {
             return Err(Error::setting("the projected error", error_px, "at least 0 px"));
         }
         let cells = self.cells();
-        let mut choices: Vec<Choice> =
-            cells.iter().map(|(bounds, levels)| Choice::of(cameras, bounds, levels)).collect();
-        let mut gaussians: usize = choices.iter().map(Choice::gaussians).sum();
-        let errors = choices.iter().enumerate().map(|(cell, choice)| ByError { error_px: choice.error_px(), cell });
-        let mut largest: BinaryHeap<ByError> = errors.collect();
-        while let Some(ByError { error_px: error, cell }) = largest.pop() {
-            if !(error > error_px) {
+        // The levels of each cell that may be chosen, the finest first; the last is chosen.
+        let mut choices: Vec<Vec<Choice>> =
+            cells.iter().map(|(bounds, levels)| choices(cameras, bounds, levels)).collect();
+        let last = |cell: &Vec<Choice>| cell.last().copied().unwrap_or_default();
+        let mut gaussians: usize = choices.iter().map(|cell| last(cell).gaussians).sum();
+        // The bits of errors, which are not negative, are in their order. Of equal errors, the first is next.
+        let entry = |cell: usize, error_px: f32| (error_px.to_bits(), Reverse(cell));
+        let mut largest: BinaryHeap<_> =
+            choices.iter().enumerate().map(|(k, cell)| entry(k, last(cell).error_px)).collect();
+        while let Some((error, Reverse(k))) = largest.pop() {
+            if !(f32::from_bits(error) > error_px) {
                 break;
             }
-            let choice = &mut choices[cell];
-            let Some(finer) = choice.finer() else { continue };
-            let then = gaussians - choice.gaussians() + finer;
-            if then > budget {
+            let [.., finer, now] = choices[k][..] else { continue };
+            if gaussians - now.gaussians + finer.gaussians > budget {
                 break;
             }
-            gaussians = then;
-            choice.steps.pop();
-            largest.push(ByError { error_px: choice.error_px(), cell });
+            gaussians += finer.gaussians - now.gaussians;
+            choices[k].pop();
+            largest.push(entry(k, finer.error_px));
         }
-        let levels = choices.iter().map(|choice| choice.step().level).collect();
-        let error_px = choices.iter().map(Choice::error_px).fold(0.0, f32::max);
+        let levels = choices.iter().map(|cell| last(cell).level).collect();
+        let error_px = choices.iter().map(|cell| last(cell).error_px).fold(0.0, f32::max);
         Ok(LodCut { levels, gaussians, error_px })
     }
 }
 
-/// The chosen level of a cell, and the finer ones.
+/// A level of a cell that may be chosen.
+#[derive(Debug, Clone, Copy, Default)]
 struct Choice {
-    /// The finest first; the last is chosen.
-    steps: Vec<Step>,
-}
-
-#[derive(Clone, Copy)]
-struct Step {
     level: usize,
     gaussians: usize,
     error_px: f32,
 }
 
-impl Choice {
-    fn of(cameras: &[Camera], bounds: &Bounds, levels: &[LodLevel]) -> Self {
-        let scale = cameras.iter().map(|camera| px_per_world(camera, bounds)).fold(0.0, f32::max);
-        let mut steps: Vec<Step> = Vec::with_capacity(levels.len());
-        for (level, &LodLevel { gaussians, error }) in levels.iter().enumerate() {
-            let error_px = steps.last().map_or(0.0, |finer| finer.error_px).max(error * scale);
-            if steps.last().is_none_or(|finer| gaussians < finer.gaussians) {
-                steps.push(Step { level, gaussians, error_px });
-            }
+/// The levels with fewer Gaussians than all finer ones. Their errors do not fall.
+fn choices(cameras: &[Camera], bounds: &Bounds, levels: &[LodLevel]) -> Vec<Choice> {
+    let scale = cameras.iter().map(|camera| px_per_world(camera, bounds)).fold(0.0, f32::max);
+    let mut choices: Vec<Choice> = Vec::with_capacity(levels.len());
+    let mut error_px = 0.0_f32;
+    for (level, &LodLevel { gaussians, error }) in levels.iter().enumerate() {
+        if choices.last().is_none_or(|finer| gaussians < finer.gaussians) {
+            error_px = error_px.max(error * scale);
+            choices.push(Choice { level, gaussians, error_px });
         }
-        Self { steps }
     }
-
-    fn step(&self) -> Step {
-        self.steps.last().copied().unwrap_or(Step { level: 0, gaussians: 0, error_px: 0.0 })
-    }
-
-    fn gaussians(&self) -> usize {
-        self.step().gaussians
-    }
-
-    fn error_px(&self) -> f32 {
-        self.step().error_px
-    }
-
-    /// Number of Gaussians of the next finer level.
-    fn finer(&self) -> Option<usize> {
-        Some(self.steps.get(self.steps.len().checked_sub(2)?)?.gaussians)
-    }
-}
-
-/// A cell by its error; of equal ones, the first is the greatest.
-#[derive(PartialEq)]
-struct ByError {
-    error_px: f32,
-    cell: usize,
-}
-
-impl Eq for ByError {}
-
-impl Ord for ByError {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.error_px.total_cmp(&other.error_px).then(other.cell.cmp(&self.cell))
-    }
-}
-
-impl PartialOrd for ByError {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
+    choices
 }
 
 /// How many pixels a world unit takes at most in this box; 0 where the box is out of sight.

@@ -1,6 +1,6 @@
 //! Merging the Gaussians of a cell pair after pair, in the order of what a merge costs.
 
-use std::{cmp::Ordering, collections::BinaryHeap};
+use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::{DMat3, DVec3, Vec3};
 use gs_core::{Gaussian3d, Scene, Scene3d, sigmoid};
@@ -41,45 +41,24 @@ struct Node {
     color: Vec3,
     /// Nodes near it, which may have been merged since.
     near: Vec<u32>,
-    /// The two nodes that became it.
-    parts: Option<[u32; 2]>,
     /// The node that it became a part of.
     whole: Option<u32>,
-}
-
-/// The cheapest merge of a node.
-#[derive(Debug, PartialEq)]
-struct Candidate {
-    cost: f64,
-    node: u32,
-    other: u32,
-}
-
-impl Eq for Candidate {}
-
-/// The cheapest is the greatest; of equal ones, that of the first node.
-impl Ord for Candidate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.cost.total_cmp(&self.cost).then_with(|| (other.node, other.other).cmp(&(self.node, self.other)))
-    }
-}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
 }
 
 /// The merges of a cell.
 #[derive(Debug)]
 pub(super) struct Merging {
+    /// First the Gaussians, then those in place of two others.
     nodes: Vec<Node>,
-    /// The cheapest merge of each node that is not part of another; costs may be out of date.
-    candidates: BinaryHeap<Candidate>,
+    /// The cheapest merge of each node that is not part of another: the bits of the cost, which are in its
+    /// order, the node, and the other, which may have been merged since.
+    candidates: BinaryHeap<Reverse<(u64, u32, u32)>>,
+    /// Number of Gaussians.
+    gaussians: usize,
     /// Nodes that are not part of another.
     count: usize,
-    /// The number of each node in the last level.
-    last: Vec<Option<u32>>,
+    /// The nodes of the last level.
+    last: Vec<u32>,
 }
 
 impl Merging {
@@ -94,23 +73,18 @@ impl Merging {
                 covariance: covariance.unwrap_or(DMat3::ZERO),
                 color: gaussian.sh[0],
                 near: Vec::new(),
-                parts: None,
                 whole: None,
             }
         };
         let nodes: Vec<Node> = (0..scene.len()).map(node).collect();
-        let (count, last) = (nodes.len(), (0..nodes.len() as u32).map(Some).collect());
-        Self { nodes, candidates: BinaryHeap::new(), count, last }
+        let (count, last) = (nodes.len(), (0..nodes.len() as u32).collect());
+        Self { nodes, candidates: BinaryHeap::new(), gaussians: count, count, last }
     }
 
-    /// The nodes that are not part of another.
-    fn roots(&self) -> Vec<u32> {
-        (0..self.nodes.len() as u32).filter(|&i| self.nodes[i as usize].whole.is_none()).collect()
-    }
-
-    /// Finds the nearest neighbours of all roots, and the cheapest merge of each.
+    /// Finds the nearest neighbours of all nodes that are not part of another, and the cheapest merges.
     fn find_neighbours(&mut self) {
-        let roots = self.roots();
+        let is_root = |&i: &u32| self.nodes[i as usize].whole.is_none();
+        let roots: Vec<u32> = (0..self.nodes.len() as u32).filter(is_root).collect();
         let place = |&i: &u32| self.nodes[i as usize].mean.as_vec3().to_array();
         let tree = RTree::bulk_load(roots.iter().map(|i| GeomWithData::new(place(i), *i)).collect());
         let near: Vec<Vec<u32>> = roots
@@ -132,7 +106,7 @@ impl Merging {
             self.find_neighbours();
         }
         while self.count > count {
-            let Some(Candidate { node, other, .. }) = self.candidates.pop() else {
+            let Some(Reverse((_, node, other))) = self.candidates.pop() else {
                 // Groups of neighbours that are far from each other have become one each.
                 self.find_neighbours();
                 continue;
@@ -143,41 +117,30 @@ impl Merging {
             // The other may have been merged since this cost was computed.
             if self.nodes[other as usize].whole.is_some() { self.push_cheapest(node) } else { self.merge(node, other) }
         }
-        let mut groups: Vec<(u32, Vec<u32>)> = Vec::with_capacity(self.count);
-        for root in self.roots() {
-            let mut group = self.of_last_level(root);
-            group.sort_unstable();
-            groups.push((root, group));
+        let (mut groups, mut level) = (Vec::<Vec<u32>>::new(), Vec::new());
+        let mut numbers = vec![None; self.nodes.len()];
+        for (i, &node) in self.last.iter().enumerate() {
+            let root = self.root(node);
+            let number = *numbers[root as usize].get_or_insert_with(|| {
+                groups.push(Vec::new());
+                level.push(root);
+                level.len() - 1
+            });
+            groups[number].push(i as u32);
         }
-        groups.sort_unstable_by_key(|(_, group)| group[0]);
-        self.last = vec![None; self.nodes.len()];
-        groups.iter().enumerate().for_each(|(number, (root, _))| self.last[*root as usize] = Some(number as u32));
-        groups.into_iter().map(|(_, group)| group).collect()
-    }
-
-    fn of_last_level(&self, root: u32) -> Vec<u32> {
-        let (mut group, mut open) = (Vec::new(), vec![root]);
-        while let Some(node) = open.pop() {
-            match (self.last.get(node as usize).copied().flatten(), self.nodes[node as usize].parts) {
-                (Some(number), _) => group.push(number),
-                (None, parts) => open.extend(parts.into_iter().flatten()),
-            }
-        }
-        group
+        self.last = level;
+        groups
     }
 
     /// The root of the mean squared distance of the Gaussians from those in whose place they are now.
     pub(super) fn error(&self) -> f64 {
-        let mut roots: Vec<usize> = (0..self.nodes.len()).collect();
-        // A node is part of a later one.
-        for i in (0..roots.len()).rev() {
-            roots[i] = self.nodes[i].whole.map_or(i, |whole| roots[whole as usize]);
-        }
         let (mut sum, mut total) = (0.0, 0.0);
-        for (node, &root) in self.nodes.iter().zip(&roots).filter(|(node, _)| node.parts.is_none()) {
-            let Node { mean, covariance, .. } = &self.nodes[root];
-            sum += node.weight * if node.whole.is_some() { distance2(node, *mean, covariance) } else { 0.0 };
+        for node in &self.nodes[..self.gaussians] {
             total += node.weight;
+            if let Some(whole) = node.whole {
+                let Node { mean, covariance, .. } = &self.nodes[self.root(whole) as usize];
+                sum += node.weight * distance2(node, *mean, covariance);
+            }
         }
         (sum / total).sqrt()
     }
@@ -196,9 +159,8 @@ impl Merging {
         near.sort_unstable();
         near.dedup();
         near.retain(|&other| other != node);
-        let candidates = near.iter().map(|&other| Candidate { cost: self.cost(node, other), node, other });
-        let cheapest = candidates.max();
-        self.candidates.extend(cheapest);
+        let cheapest = near.iter().map(|&other| (self.cost(node, other).to_bits(), node, other)).min();
+        self.candidates.extend(cheapest.map(Reverse));
         self.nodes[node as usize].near = near;
     }
 
@@ -218,15 +180,11 @@ impl Merging {
         near.sort_unstable();
         near.dedup();
         near.retain(|&i| i != a && i != b);
-        near.sort_by(|&i, &j| {
-            let distance = |i: u32| self.nodes[i as usize].mean.distance_squared(mean);
-            distance(i).total_cmp(&distance(j)).then(i.cmp(&j))
-        });
+        near.sort_by_key(|&i| self.nodes[i as usize].mean.distance_squared(mean).to_bits());
         near.truncate(MOST_NEIGHBOURS);
         let weight = total.min(MOST_OPACITY * largest_area(&covariance)).max(LEAST_WEIGHT);
         let node = self.nodes.len() as u32;
-        self.nodes.push(Node { mean, covariance, weight, color, near, parts: Some([a, b]), whole: None });
-        self.last.push(None);
+        self.nodes.push(Node { mean, covariance, weight, color, near, whole: None });
         for part in [a, b] {
             self.nodes[part as usize].whole = Some(node);
             self.nodes[part as usize].near = Vec::new();

@@ -14,7 +14,7 @@ use std::{
 use index::Index;
 
 use crate::{
-    atomic::{is_temporary, new_temporary_folder, remove_leftovers},
+    atomic::{is_temporary, remove_leftovers},
     error::Error,
     inputs::Inputs,
 };
@@ -107,7 +107,6 @@ impl FolderClaim {
     /// Those of [`Self::check`], and [`Error::Write`] where the folder cannot be written to.
     pub fn begin(self) -> Result<OutputFolder, Error> {
         self.check()?;
-        let is_new = !self.path.exists();
         fs::create_dir_all(&self.path).map_err(|error| Error::write(&self.path, error))?;
         let lock = File::options().create(true).truncate(false).write(true).open(self.path.join(LOCK));
         let lock = lock.map_err(|error| Error::write(&self.path, error))?;
@@ -121,7 +120,7 @@ impl FolderClaim {
         let index = Index::of(&self.path);
         self.refuse_what_is_in_the_way(&index)?;
         let claimed = Mutex::new(self.files.iter().cloned().collect());
-        let folder = OutputFolder { claim: self, claimed, index: Mutex::new(index), is_new, _lock: lock };
+        let folder = OutputFolder { claim: self, claimed, index: Mutex::new(index), _lock: lock };
         folder.index().store(folder.path())?;
         Ok(folder)
     }
@@ -172,8 +171,6 @@ pub struct OutputFolder {
     /// The files that this run may write. The index has only those that it began to write.
     claimed: Mutex<BTreeSet<String>>,
     index: Mutex<Index>,
-    /// Whether the folder was not there before.
-    is_new: bool,
     _lock: File,
 }
 
@@ -237,21 +234,23 @@ impl OutputFolder {
 
     /// A folder inside for files that are not complete yet, which is removed when it is dropped. Those of
     /// killed runs are removed now: no other run works here.
+    #[cfg(feature = "write")]
     pub(crate) fn temporary_folder(&self) -> Result<tempfile::TempDir, Error> {
         let left = fs::read_dir(self.path()).into_iter().flatten().flatten();
         for entry in left.filter(|entry| entry.file_name().to_str().is_some_and(is_temporary)) {
             let _ = fs::remove_dir_all(entry.path());
         }
-        new_temporary_folder(self.path()).map_err(|error| Error::write(self.path(), error))
+        crate::atomic::new_temporary_folder(self.path()).map_err(|error| Error::write(self.path(), error))
     }
 
-    /// Removes the folder if it was made for this run, which failed, and has no results.
-    pub(crate) fn remove_if_new(&self) {
-        if self.is_new && self.index().0.is_empty() {
-            [index::NAME, LOCK].iter().for_each(|name| _ = fs::remove_file(self.path().join(name)));
-            // It stays where somebody else put files into it.
-            let _ = fs::remove_dir(self.path());
+    /// Removes a folder that was made for this run, which failed, unless there are other files in it.
+    #[cfg(feature = "write")]
+    pub(crate) fn discard(&self) {
+        if !self.index().0.is_empty() {
+            return;
         }
+        [index::NAME, LOCK].iter().for_each(|name| _ = fs::remove_file(self.path().join(name)));
+        let _ = fs::remove_dir(self.path());
     }
 
     fn index(&self) -> MutexGuard<'_, Index> {

@@ -50,9 +50,13 @@ pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> R
     let plan = Plan::of(scene.len());
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let names: Vec<String> = plan.names(scene.sh_degree).chain([META.to_owned()]).collect();
+    let is_new = !folder.exists();
     let folder = FolderClaim::new(folder, names.iter().cloned()).begin()?;
-    let result = write_into(&folder, &plan, &names, scene, options);
-    let losses = result.inspect_err(|_| folder.remove_if_new())?;
+    let losses = write_into(&folder, &plan, &names, scene, options).inspect_err(|_| {
+        if is_new {
+            folder.discard();
+        }
+    })?;
     let beside = names[..names.len() - 1].iter().map(|name| folder.path().join(name)).collect();
     Ok(Written3d { format: Format3d::StreamedSog, losses, beside, order: None })
 }
