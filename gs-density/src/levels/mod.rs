@@ -10,7 +10,7 @@ mod merging;
 use std::ops::Range;
 
 use glam::Vec3;
-use gs_core::{Scene, Scene3d};
+use gs_core::{Gaussian3d, Scene, Scene3d};
 
 use self::merging::Merging;
 use crate::merged;
@@ -58,36 +58,40 @@ fn sort(means: &[Vec3], most: usize, order: &mut [u32]) {
 /// are the numbers of Gaussians of the levels, falling, each at least 1. Takes O(n log n).
 ///
 /// Merges keep mean, covariance, and mean colour, and opacity times area up to an opacity of 0.99
-/// ([`merged`]). Those come first that move little, of little weight, of equal colours. Gaussians without
-/// a rotation are merged as if they were not there.
+/// ([`merged`]). Those come first that move little, of little weight, of equal colours. Where they cannot be
+/// merged, as without a rotation, that with the largest weight stays.
 pub fn levels(scene: &Scene3d, members: &[u32], counts: &[usize]) -> Vec<Level> {
-    let mut current = Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
-    members.iter().for_each(|&i| current.push(scene.gaussian(i as usize)));
-    let mut merging = Merging::of(&current);
-    let mut levels = Vec::with_capacity(counts.len());
+    let empty = || Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
+    let mut all = empty();
+    members.iter().for_each(|&i| all.push(scene.gaussian(i as usize)));
+    let mut merging = Merging::of(&all);
+    let mut levels: Vec<Level> = Vec::with_capacity(counts.len());
     for &count in counts {
-        let groups = merging.until(count.max(1));
-        let mut fewer = Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
-        for group in &groups {
-            let mut parts: Vec<_> = group.iter().map(|&i| current.gaussian(i as usize)).collect();
-            if parts.len() > 1 {
-                let mut weighted: Vec<_> = parts.drain(..).map(|part| (merging::weight(&part), part)).collect();
-                weighted.sort_by(|a, b| b.0.total_cmp(&a.0));
-                let weighted: Vec<_> = weighted.into_iter().map(|(weight, part)| (part, weight)).collect();
-                parts.push(merged(&weighted).unwrap_or_else(|| weighted[0].0.clone()));
-            }
-            fewer.push(parts.swap_remove(0));
+        let before = levels.last().map_or(&all, |level| &level.scene);
+        let mut fewer = empty();
+        for group in merging.until(count.max(1)) {
+            fewer.push(one_of(group.iter().map(|&i| before.gaussian(i as usize)).collect()));
         }
-        levels.push(Level { scene: fewer.clone(), error: merging.error() as f32 });
-        current = fewer;
+        levels.push(Level { scene: fewer, error: merging.error() as f32 });
     }
     levels
+}
+
+/// One Gaussian in place of several: that with the largest weight where they cannot be merged.
+fn one_of(mut parts: Vec<Gaussian3d>) -> Gaussian3d {
+    if parts.len() == 1 {
+        return parts.swap_remove(0);
+    }
+    let mut weighted: Vec<_> = parts.into_iter().map(|part| (merging::weight(&part), part)).collect();
+    weighted.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let weighted: Vec<_> = weighted.into_iter().map(|(weight, part)| (part, weight)).collect();
+    merged(&weighted).unwrap_or_else(|| weighted[0].0.clone())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs_core::{Gaussian3d, sigmoid};
+    use gs_core::sigmoid;
 
     /// Gaussians of an undulating surface, in any order, with numbers that differ.
     fn surface(count: usize) -> Scene3d {

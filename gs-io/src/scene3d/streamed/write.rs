@@ -21,9 +21,6 @@ use crate::{
     },
 };
 
-/// Cells whose levels are computed at once.
-const BATCH: usize = 32;
-
 /// Takes a file of a streamed SOG: its name with `/`, and its content.
 type Sink<'a> = dyn FnMut(&str, &[u8]) -> Result<(), Error> + 'a;
 
@@ -120,12 +117,14 @@ fn encode_chunks(
         }
         sink(&meta, &bytes)
     };
-    for (number, batch) in plan.cells.chunks(BATCH).enumerate() {
+    // Enough cells for all threads; they need memory until the last of them is done.
+    let at_once = 2 * rayon::current_num_threads();
+    for (number, batch) in plan.cells.chunks(at_once).enumerate() {
         let of = |cell: &Cell| levels(scene, &order[cell.members.clone()], cell);
         let levels: Vec<Vec<Level>> = batch.par_iter().map(of).collect();
         for (k, (cell, levels)) in batch.iter().zip(levels).enumerate() {
             leaves.push(leaf(cell, &levels));
-            let later = &plan.cells[number * BATCH + k + 1..];
+            let later = &plan.cells[number * at_once + k + 1..];
             for (run, level) in cell.runs.iter().zip(levels) {
                 chunks[run.file].append(level.scene);
                 let is_last = !later.iter().take(1).any(|next| next.runs.iter().any(|other| other.file == run.file));
