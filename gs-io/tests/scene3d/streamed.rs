@@ -105,9 +105,10 @@ fn small_scenes_have_fewer_levels() {
 }
 
 #[test]
-fn encoded_and_written_files_are_the_same() {
-    let (_place, path, scene) = written(70);
-    let encoded = encode_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
+fn encoded_and_written_files_are_the_same_for_any_number_of_threads() {
+    let (_place, path, scene) = written(9000);
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let encoded = one.install(|| encode_3d(&path, &scene, &WriteOptions3d::default())).unwrap();
     assert_eq!(encoded.bytes, fs::read(&path).unwrap());
     assert_eq!(encoded.beside.len(), 7 * 8);
     encoded.beside.iter().for_each(|(path, bytes)| assert_eq!(*bytes, fs::read(path).unwrap()));
@@ -180,9 +181,13 @@ fn damaged_trees_are_refused() {
     refused(&path, |m| m["tree"]["bound"]["min"][2] = Value::Null, "expected finite bounds of nodes");
     refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(1e300), "expected finite bounds of nodes");
     refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(100.0), "min up to max");
-    refused(&path, |m| m["counts"][1] = json!(4), "expected 4 Gaussians in the cells of level 1, found 4096");
+    refused(
+        &path,
+        |m| m["counts"][1] = json!(4),
+        "expected [8194, 4, 2048, 1024, 512, 256, 128] Gaussians in the levels, found [8194, 4096",
+    );
     refused(&path, |m| m["count"] = json!(4), "expected 4 Gaussians in all levels");
-    refused(&path, |m| m["counts"] = json!([8194]), "expected 7 counts of levels, found 1");
+    refused(&path, |m| m["counts"] = json!([8194]), "expected [8194] Gaussians in the levels");
     refused(&path, |m| m["lodLevels"] = json!(1e6 as u64), "expected 1 to 64 levels, found 1000000");
     refused(&path, |m| m["lodLevels"] = json!(0), "expected 1 to 64 levels");
     let cell = |m: &mut Value, key: &str, value: Value| m["tree"]["children"][1]["lods"][key] = value;

@@ -32,8 +32,8 @@ pub(super) struct LodMeta {
     #[serde(default)]
     pub(super) asset: Value,
     /// Number of Gaussians in all levels, and in each.
-    pub(super) count: Option<usize>,
-    pub(super) counts: Option<Vec<usize>>,
+    pub(super) count: Option<u64>,
+    pub(super) counts: Option<Vec<u64>>,
     pub(super) lod_levels: usize,
     /// Whether all cells have errors.
     #[serde(default)]
@@ -55,14 +55,28 @@ pub(super) struct Node {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) lods: Option<BTreeMap<String, Run>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) errors: Option<Vec<f64>>,
+    pub(super) errors: Option<Vec<f32>>,
 }
 
 /// A box. JSON has null for NaN.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Bound {
-    pub(super) min: [Option<f64>; 3],
-    pub(super) max: [Option<f64>; 3],
+    min: [Option<f32>; 3],
+    max: [Option<f32>; 3],
+}
+
+impl From<Bounds> for Bound {
+    fn from(bounds: Bounds) -> Self {
+        let [min, max] = [bounds.min, bounds.max].map(|corner| corner.to_array().map(Some));
+        Self { min, max }
+    }
+}
+
+impl From<&Bound> for Bounds {
+    fn from(bound: &Bound) -> Self {
+        let [min, max] = [bound.min, bound.max].map(|corner| Vec3::from_array(corner.map(|n| n.unwrap_or(f32::NAN))));
+        Self { min, max }
+    }
 }
 
 /// Consecutive Gaussians of a chunk.
@@ -108,24 +122,15 @@ impl LodMeta {
         let tree = self.node(source, &self.tree, &mut cells)?;
         let sum = |level: usize| cells.iter().flat_map(|runs| runs[level]).map(|run| run.count as u64).sum::<u64>();
         let sums: Vec<u64> = (0..self.lod_levels).map(sum).collect();
-        if let Some(counts) = &self.counts {
-            if counts.len() != self.lod_levels {
-                return Err(source.damaged(
-                    0,
-                    format!("{} counts of levels", self.lod_levels),
-                    counts.len().to_string(),
-                ));
-            }
-            if let Some(level) = (0..self.lod_levels).find(|&level| sums[level] != counts[level] as u64) {
-                let expected = format!("{} Gaussians in the cells of level {level}", counts[level]);
-                return Err(source.damaged(0, expected, sums[level].to_string()));
-            }
+        if let Some(counts) = self.counts.as_ref().filter(|&counts| *counts != sums) {
+            let counts = &counts[..counts.len().min(MAX_LEVELS)];
+            return Err(source.damaged(0, format!("{counts:?} Gaussians in the levels"), format!("{sums:?}")));
         }
         let all: u64 = sums.iter().sum();
         if all > u32::MAX.into() {
             return Err(source.damaged(0, format!("at most {} Gaussians in all levels", u32::MAX), all.to_string()));
         }
-        match self.count.filter(|&count| count as u64 != all) {
+        match self.count.filter(|&count| count != all) {
             Some(count) => Err(source.damaged(0, format!("{count} Gaussians in all levels"), all.to_string())),
             None => Ok((tree, cells)),
         }
@@ -188,17 +193,16 @@ impl LodMeta {
     ) -> Result<Vec<LodLevel>, Error> {
         let count = |level: usize| runs[level].map_or(0, |run: Run| run.count);
         let measured = node.errors.as_ref().filter(|_| self.lod_errors && self.error_unit.as_deref() == Some(WORLD));
-        if let Some(errors) =
-            measured.filter(|e| e.len() != runs.len() || !e.iter().all(|e| *e >= 0.0 && *e <= f32::MAX.into()))
-        {
+        let is_wrong = |e: &&Vec<f32>| e.len() != runs.len() || !e.iter().all(|e| *e >= 0.0 && e.is_finite());
+        if let Some(errors) = measured.filter(is_wrong) {
             let expected = format!("{} errors of a cell, at least 0", runs.len());
-            return Err(source.damaged(0, expected, format!("{errors:.60?}")));
+            return Err(source.damaged(0, expected, format!("{} that may be others", errors.len())));
         }
         // The distance of Gaussians on a surface through the cell, relative to that of the finest.
         let spacing = |count: usize| 1.0 / (count.max(1) as f32).sqrt();
         let size = (bounds.max - bounds.min).length().min(f32::MAX);
         let guessed = |level| size * (spacing(count(level)) - spacing(count(0))).max(0.0);
-        let error = |level: usize| measured.map_or_else(|| guessed(level), |errors| errors[level] as f32);
+        let error = |level: usize| measured.map_or_else(|| guessed(level), |errors| errors[level]);
         Ok((0..runs.len()).map(|level| LodLevel { gaussians: count(level), error: error(level) }).collect())
     }
 
@@ -220,8 +224,7 @@ impl LodMeta {
 }
 
 fn bounds(source: &Source<'_>, bound: &Bound) -> Result<Bounds, Error> {
-    let corner = |numbers: [Option<f64>; 3]| Vec3::from_array(numbers.map(|n| n.map_or(f32::NAN, |n| n as f32)));
-    let bounds = Bounds { min: corner(bound.min), max: corner(bound.max) };
+    let bounds = Bounds::from(bound);
     if bounds.min.is_finite() && bounds.max.is_finite() && bounds.min.cmple(bounds.max).all() {
         return Ok(bounds);
     }

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use gs_core::Bounds;
+
 use super::meta::{LodMeta, Node, Run, VERSION, WORLD};
 use crate::scene3d::sog;
 
@@ -79,8 +81,8 @@ impl Plan {
     /// The description of the scene, whose cells are `leaves`.
     pub(super) fn meta(&self, leaves: Vec<Node>) -> LodMeta {
         let levels = self.cells.first().map_or(0, |cell| cell.runs.len());
-        let count = |level: usize| self.cells.iter().map(|cell| cell.runs[level].count).sum();
-        let counts: Vec<usize> = (0..levels).map(count).collect();
+        let count = |level: usize| self.cells.iter().map(|cell| cell.runs[level].count as u64).sum();
+        let counts: Vec<u64> = (0..levels).map(count).collect();
         let last = self.cells.last().map_or(0, |cell| cell.members.end);
         LodMeta {
             version: Some(VERSION),
@@ -102,7 +104,7 @@ fn above(range: Range<usize>, leaves: &mut impl Iterator<Item = Node>) -> Node {
     let Some(halves) = gs_density::halves(&range, CELL) else { return leaves.next().expect("a node for each cell") };
     let [left, right] = halves.map(|half| above(half, leaves));
     Node {
-        bound: left.bound.union(&right.bound),
+        bound: Bounds::from(&left.bound).union((&right.bound).into()).into(),
         children: Some(vec![Some(left), Some(right)]),
         lods: None,
         errors: None,

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::{
     META,
-    meta::{Bound, Node},
+    meta::Node,
     plan::{CELL, Cell, Plan},
 };
 use crate::{
@@ -152,10 +152,10 @@ fn leaf(cell: &Cell, levels: &[Level]) -> Node {
     let lods = cell.runs.iter().enumerate().map(|(level, run)| (level.to_string(), *run));
     let mut largest = 0.0;
     let errors = levels.iter().map(|level| {
-        largest = f64::max(largest, level.error.into());
-        rounded(largest)
+        largest = level.error.max(largest);
+        largest
     });
-    Node { bound: Bound::of(&bounds), children: None, lods: Some(lods.collect()), errors: Some(errors.collect()) }
+    Node { bound: bounds.into(), children: None, lods: Some(lods.collect()), errors: Some(errors.collect()) }
 }
 
 /// The box around a Gaussian's ellipsoid of one standard deviation.
@@ -163,24 +163,4 @@ fn extent(gaussian: &Gaussian3d) -> Bounds {
     let covariance = gaussian.covariance().unwrap_or_default();
     let reach = glam::Vec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z).map(f32::sqrt);
     Bounds { min: gaussian.mean - reach, max: gaussian.mean + reach }
-}
-
-impl Bound {
-    /// Numbers of 7 digits, as the format prescribes.
-    fn of(bounds: &Bounds) -> Self {
-        let numbers = |corner: glam::Vec3| corner.to_array().map(|number| Some(rounded(number.into())));
-        Self { min: numbers(bounds.min), max: numbers(bounds.max) }
-    }
-
-    pub(super) fn union(&self, other: &Self) -> Self {
-        let both = |a: [Option<f64>; 3], b: [Option<f64>; 3], of: fn(f64, f64) -> f64| {
-            std::array::from_fn(|axis| a[axis].zip(b[axis]).map(|(a, b)| of(a, b)))
-        };
-        Self { min: both(self.min, other.min, f64::min), max: both(self.max, other.max, f64::max) }
-    }
-}
-
-/// The nearest number of 7 significant digits.
-fn rounded(number: f64) -> f64 {
-    format!("{number:.6e}").parse().unwrap_or(number)
 }
