@@ -12,7 +12,7 @@
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //! - [`FastGs`], [`Taming`], [`ImprovedGs`], [`SteepGs`] and [`Mrnf`] read [`Evidence`] over
 //!   several training views, which training in 3D gathers in the rounds that request it.
-//! - [`levels`] merges the Gaussians of a finished 3D scene into levels of detail.
+//! - [`levels()`] merges the Gaussians of a finished 3D scene into levels of detail.
 //! - [`CountSchedule`] holds any of them to a schedule that ends at exactly the budget.
 //!
 //! # A policy of your own
