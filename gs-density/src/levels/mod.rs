@@ -39,7 +39,7 @@ pub fn spatial_order(means: &[Vec3], most: usize) -> Vec<u32> {
 /// The two parts of a range of [`spatial_order`]; `None` where it is a cell.
 pub fn halves(range: &Range<usize>, most: usize) -> Option<[Range<usize>; 2]> {
     let middle = range.start + range.len() / 2;
-    (range.len() > most.max(1)).then(|| [range.start..middle, middle..range.end])
+    (range.len() > most.max(1)).then_some([range.start..middle, middle..range.end])
 }
 
 fn sort(means: &[Vec3], most: usize, order: &mut [u32]) {
@@ -109,15 +109,12 @@ mod tests {
         (0..count).map(gaussian).collect()
     }
 
-    fn ranges(count: usize, most: usize) -> Vec<Range<usize>> {
-        let (mut open, mut cells) = (vec![0..count], Vec::new());
-        while let Some(range) = open.pop() {
-            match halves(&range, most) {
-                Some([left, right]) => open.extend([right, left]),
-                None => cells.push(range),
-            }
+    /// The cells of a range.
+    fn cells(range: Range<usize>, most: usize) -> Vec<Range<usize>> {
+        match halves(&range, most) {
+            Some(parts) => parts.into_iter().flat_map(|part| cells(part, most)).collect(),
+            None => Vec::from([range]),
         }
-        cells
     }
 
     #[test]
@@ -133,7 +130,7 @@ mod tests {
         all.sort_unstable();
         assert!(all.iter().enumerate().all(|(i, &number)| i as u32 == number));
         // Cells of a surface of 40 by 75 with about 94 Gaussians are far smaller than it.
-        for cell in ranges(3000, 100) {
+        for cell in cells(0..3000, 100) {
             assert!(cell.len() > 50 && cell.len() <= 100);
             let means = || one[cell.clone()].iter().map(|&i| scene.means[i as usize]);
             let size = means().fold(Vec3::NEG_INFINITY, Vec3::max) - means().fold(Vec3::INFINITY, Vec3::min);
