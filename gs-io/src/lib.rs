@@ -5,6 +5,7 @@
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
 //! | … with alpha and ICC profiles | [`read_stored_image`] | [`write_png_with`] |
+//! | grey images of 16 bits, such as depth maps | – | [`write_grey_png`] |
 //! | animations (APNG) | – | [`write_animation`] |
 //! | a scene of any kind: a scene file, a checkpoint, an output folder | [`read_scene`] | – |
 //! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_2d`] | [`write_2d`] |
@@ -47,7 +48,7 @@ mod world_frame;
 pub use gs_codec::Extent;
 
 #[cfg(feature = "write")]
-pub use crate::edit::{Edit, EditError, Filter};
+pub use crate::edit::{Done, Edit, EditError, Filter};
 
 pub use crate::{
     animation::{Animation, write_animation},
@@ -58,7 +59,7 @@ pub use crate::{
     image::{
         IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, heic_files, image_files, png_bytes,
         png_bytes_with, premultiplied, read_image, read_image_on, read_image_size, read_stored_image, straight,
-        unreadable_photographs, write_png, write_png_with,
+        unreadable_photographs, write_grey_png, write_png, write_png_with,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
@@ -68,9 +69,9 @@ pub use crate::{
         flat_scene, is_gsi, read_2d, read_gsi, write_2d, write_ply,
     },
     scene3d::{
-        ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
-        StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
-        transform_scene, write_3d,
+        ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Parts3d, Rounding, SpzOptions,
+        SpzVersion, StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene,
+        read_3d, transform_scene, write_3d, write_parts_3d, writes_parts_3d,
     },
     text::utf8_text,
     world_frame::WorldFrame,

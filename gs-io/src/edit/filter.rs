@@ -3,22 +3,23 @@
 use std::str::FromStr;
 
 use glam::Vec3;
-use gs_core::{Scene3d, math::sh, sigmoid};
+use gs_core::{Scene as _, Scene3d, math::sh, sigmoid};
 
-/// A property: its name, and its value for a Gaussian.
-type Property = (&'static str, fn(&Scene3d, usize) -> f32);
+/// A property: its name, and its value for a Gaussian; `None` for what only views can tell.
+type Property = (&'static str, Option<fn(&Scene3d, usize) -> f32>);
 
 /// The properties. Sizes are standard deviations along the longest or the shortest axis, in units of the scene.
-const PROPERTIES: [Property; 9] = [
-    ("opacity", |scene, i| sigmoid(scene.opacity_logits[i])),
-    ("size", |scene, i| scene.log_scales[i].max_element().exp()),
-    ("thickness", |scene, i| scene.log_scales[i].min_element().exp()),
-    ("x", |scene, i| scene.means[i].x),
-    ("y", |scene, i| scene.means[i].y),
-    ("z", |scene, i| scene.means[i].z),
-    ("red", |scene, i| color(scene, i)[0]),
-    ("green", |scene, i| color(scene, i)[1]),
-    ("blue", |scene, i| color(scene, i)[2]),
+const PROPERTIES: [Property; 10] = [
+    ("opacity", Some(|scene, i| sigmoid(scene.opacity_logits[i]))),
+    ("size", Some(|scene, i| scene.log_scales[i].max_element().exp())),
+    ("thickness", Some(|scene, i| scene.log_scales[i].min_element().exp())),
+    ("x", Some(|scene, i| scene.means[i].x)),
+    ("y", Some(|scene, i| scene.means[i].y)),
+    ("z", Some(|scene, i| scene.means[i].z)),
+    ("red", Some(|scene, i| color(scene, i)[0])),
+    ("green", Some(|scene, i| color(scene, i)[1])),
+    ("blue", Some(|scene, i| color(scene, i)[2])),
+    ("contribution", None),
 ];
 
 /// The colour without its dependence on the direction.
@@ -28,7 +29,8 @@ fn color(scene: &Scene3d, index: usize) -> [f32; 3] {
 
 /// A comparison of a property with a number, parsed from text such as `opacity<0.02`. The properties are opacity
 /// (0 to 1), size and thickness (the standard deviation along the longest and the shortest axis, world units), x, y, z,
-/// and red, green and blue (without what depends on the direction).
+/// red, green and blue (without what depends on the direction), and contribution: the sum of the Gaussian's blending
+/// weights in the view where it is largest, px, which only views can tell ([`Self::needs_views`]).
 #[derive(Debug, Clone, Copy)]
 pub struct Filter {
     property: &'static Property,
@@ -77,9 +79,19 @@ impl FromStr for Filter {
 }
 
 impl Filter {
-    /// Whether it is true of a Gaussian.
-    pub(super) fn holds(&self, scene: &Scene3d, index: usize) -> bool {
-        let value = (self.property.1)(scene, index);
+    /// Whether the property depends on views.
+    pub fn needs_views(&self) -> bool {
+        self.property.1.is_none()
+    }
+
+    /// Which Gaussians it is true of, `[N]`; `None` where that depends on views.
+    pub(super) fn holds(&self, scene: &Scene3d) -> Option<Vec<bool>> {
+        let value = self.property.1?;
+        Some((0..scene.len()).map(|index| self.is_true_of(value(scene, index))).collect())
+    }
+
+    /// Whether a Gaussian with this value of the property fulfils it.
+    pub fn is_true_of(&self, value: f32) -> bool {
         match self.comparison {
             Comparison::Less => value < self.number,
             Comparison::LessOrEqual => value <= self.number,

@@ -3,7 +3,7 @@
 mod filter;
 mod ground;
 
-use std::{path::PathBuf, str::FromStr};
+use std::{fmt, path::PathBuf, str::FromStr};
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3};
 use gs_core::{Region, Scene as _, Scene3d, counted, examination::Examinable as _};
@@ -72,6 +72,56 @@ pub enum Edit {
     /// have frames in a world, it is taken to be the same world, and the other scene is moved into the frame of this
     /// one. How the other scene was trained is not kept.
     Add(PathBuf),
+    /// Removes Gaussians that hang in front of what the views show, at a loss of at most this PSNR, dB. It needs views.
+    Floaters(f64),
+}
+
+/// What an [`Edit`] did to a scene or to a part of it; its text says so in a few words.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Done {
+    /// It changed the scene, as the text says.
+    Changed(String),
+    /// It removed Gaussians.
+    Removed {
+        /// How many it removed.
+        gone: usize,
+        /// Of how many.
+        of: usize,
+    },
+}
+
+impl fmt::Display for Done {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Changed(text) => f.write_str(text),
+            Self::Removed { gone, of } => write!(f, "removed {} of {of}", counted(*gone, "Gaussian")),
+        }
+    }
+}
+
+impl Done {
+    /// What was done to a scene whose parts were edited one after the other; `next` is that of the next part.
+    #[must_use]
+    pub fn and(self, next: Self) -> Self {
+        match (self, next) {
+            (Self::Removed { gone, of }, Self::Removed { gone: more, of: others }) => {
+                Self::Removed { gone: gone + more, of: of + others }
+            }
+            (_, next) => next,
+        }
+    }
+
+    /// Fails if nothing is left of the scene.
+    ///
+    /// # Errors
+    /// [`EditError::NothingLeft`].
+    pub fn check(self) -> Result<Self, EditError> {
+        match self {
+            Self::Removed { gone, of } if gone == of => Err(EditError::NothingLeft),
+            done => Ok(done),
+        }
+    }
 }
 
 /// Why an [`Edit`] cannot be done.
@@ -87,6 +137,9 @@ pub enum EditError {
     /// Numbers of 32 bits don't hold the result.
     #[error("the result does not fit into numbers of 32 bits")]
     TooFar,
+    /// The edit needs the views of a data set, which gs-train's `ViewEditor` has.
+    #[error("it needs the views of a data set that shows the scene")]
+    NeedsViews,
     /// The scene lies in no plane.
     #[error("no ground was found: name the direction that should point up, as in up=0.1,-1,0")]
     NoGround,
@@ -109,7 +162,10 @@ impl From<Error> for EditError {
 
 /// How operations are written.
 const FORMS: &str = "move=X,Y,Z, turn=AXIS:DEGREES, scale=FACTOR, scale-from=X,Y,Z,X,Y,Z,LENGTH, up=X,Y,Z, \
-     up=ground, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER or add=FILE";
+     up=ground, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER, add=FILE or floaters";
+
+/// The usual limit of [`Edit::Floaters`], dB.
+const MOST_LOSS: f64 = 0.05;
 
 const REGIONS: &str = "box:X,Y,Z,X,Y,Z, sphere:X,Y,Z,RADIUS, plane:X,Y,Z,OFFSET or polygon:X,Z,X,Z,X,Z";
 
@@ -142,6 +198,11 @@ impl FromStr for Edit {
                 .ok_or_else(|| written(REGIONS)),
             "keep" | "drop" => value.parse().map(|filter| Self::Select { filter, keep: name == "keep" }),
             "add" if !value.is_empty() => Ok(Self::Add(value.into())),
+            "floaters" if text == name => Ok(Self::Floaters(MOST_LOSS)),
+            "floaters" => match numbers(value).as_deref() {
+                Some([most]) if *most >= 0.0 => Ok(Self::Floaters(*most)),
+                _ => Err(written("DB, the most that it may cost of the PSNR, such as floaters=0.05")),
+            },
             _ => Err(format!("an operation is {FORMS}")),
         }
     }
@@ -186,72 +247,93 @@ fn region(text: &str) -> Option<Region> {
 }
 
 impl Edit {
-    /// Does it, and says what it did, in a few words. What moves, turns or scales a scene takes it out of its frame
-    /// in the world.
+    /// Whether only views of the scene can tell what it does.
+    pub fn needs_views(&self) -> bool {
+        match self {
+            Self::Floaters(_) => true,
+            Self::Select { filter, .. } => filter.needs_views(),
+            _ => false,
+        }
+    }
+
+    /// Whether it looks at one Gaussian at a time, so that a scene may be edited part by part.
+    pub fn is_local(&self) -> bool {
+        !self.needs_views() && !matches!(self, Self::Up(None) | Self::Add(_))
+    }
+
+    /// The map by which it moves, turns or scales a scene; `None` for other edits.
+    ///
+    /// # Errors
+    /// [`EditError::SamePoints`] and [`EditError::NoGround`].
+    pub fn map(&self, scene: &Scene3d) -> Result<Option<DAffine3>, EditError> {
+        let turned = |rotation| DAffine3::from_mat3(DMat3::from_quat(rotation));
+        let scaled = |factor| DAffine3::from_mat3(DMat3::from_diagonal(DVec3::splat(factor)));
+        Ok(Some(match self {
+            Self::Move(shift) => DAffine3::from_translation(*shift),
+            Self::Turn { axis, angle } => turned(DQuat::from_axis_angle(*axis, *angle)),
+            Self::Scale(factor) => scaled(*factor),
+            Self::ScaleFrom { points: [a, b], length } => {
+                scaled(Some(length / a.distance(*b)).filter(|factor| factor.is_finite()).ok_or(EditError::SamePoints)?)
+            }
+            Self::Up(direction) => {
+                let up = direction.or_else(|| up_of_ground(scene)).ok_or(EditError::NoGround)?;
+                turned(DQuat::from_rotation_arc(up.normalize(), UP))
+            }
+            Self::Crop { .. } | Self::Select { .. } | Self::Add(_) | Self::Floaters(_) => return Ok(None),
+        }))
+    }
+
+    /// Does it, and says what it did. What moves, turns or scales a scene takes it out of its frame in the world.
+    /// The scene may be a part of a larger one if the edit [is local](Self::is_local): [`Done::check`] fails where
+    /// nothing is left.
     ///
     /// # Errors
     /// [`EditError`]. The scene may have changed.
-    pub fn apply(&self, scene: &mut Scene3d, frame: &mut WorldFrame) -> Result<String, EditError> {
+    pub fn apply(&self, scene: &mut Scene3d, frame: &mut WorldFrame) -> Result<Done, EditError> {
+        if let Some(map) = self.map(scene)? {
+            return moved(scene, frame, &map);
+        }
         match self {
-            Self::Move(shift) => moved(scene, frame, DAffine3::from_translation(*shift), "moved"),
-            Self::Turn { axis, angle } => moved(scene, frame, turned(DQuat::from_axis_angle(*axis, *angle)), "turned"),
-            Self::Scale(factor) => scaled(scene, frame, *factor),
-            Self::ScaleFrom { points: [a, b], length } => match length / a.distance(*b) {
-                factor if factor.is_finite() => scaled(scene, frame, factor),
-                _ => Err(EditError::SamePoints),
-            },
-            Self::Up(direction) => {
-                let up = direction.or_else(|| up_of_ground(scene)).ok_or(EditError::NoGround)?;
-                let up = up.normalize();
-                let done = format!("({:.3}, {:.3}, {:.3}) now points up", up.x, up.y, up.z);
-                moved(scene, frame, turned(DQuat::from_rotation_arc(up, UP)), &done)
-            }
-            Self::Crop { region, keep_inside } => {
-                let keep = scene.means.iter().map(|mean| region.contains(*mean) == *keep_inside).collect();
-                kept(scene, keep)
-            }
+            Self::Crop { region, keep_inside } => Ok(retained(
+                scene,
+                &scene.means.iter().map(|m| region.contains(*m) == *keep_inside).collect::<Vec<_>>(),
+            )),
             Self::Select { filter, keep } => {
-                let keep = (0..scene.len()).map(|index| filter.holds(scene, index) == *keep).collect();
-                kept(scene, keep)
+                let holds = filter.holds(scene).ok_or(EditError::NeedsViews)?;
+                Ok(retained(scene, &holds.iter().map(|holds| holds == keep).collect::<Vec<_>>()))
             }
             Self::Add(path) => match read_scene(path, Values::Checked)?.scene {
                 AnyScene::ThreeD(other) => added(scene, *frame, *other),
                 AnyScene::TwoD(_) => Err(Error::unsupported(path, "a 2D scene", "add a 3D scene").into()),
             },
+            _ => Err(EditError::NeedsViews),
         }
     }
 }
 
 /// Applies a map, and says what that did. The coordinates are no longer those of a data set.
-fn moved(scene: &mut Scene3d, frame: &mut WorldFrame, map: DAffine3, done: &str) -> Result<String, EditError> {
+fn moved(scene: &mut Scene3d, frame: &mut WorldFrame, map: &DAffine3) -> Result<Done, EditError> {
     // Nothing is lost by rotations and scales.
-    let _stretched = transform_scene(scene, &map);
+    let _stretched = transform_scene(scene, map);
     *frame = WorldFrame::WORLD;
     scene.validate().map_err(|_| EditError::TooFar)?;
-    Ok(done.to_owned())
-}
-
-fn turned(rotation: DQuat) -> DAffine3 {
-    DAffine3::from_mat3(DMat3::from_quat(rotation))
-}
-
-fn scaled(scene: &mut Scene3d, frame: &mut WorldFrame, factor: f64) -> Result<String, EditError> {
-    let map = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::splat(factor)));
-    moved(scene, frame, map, &format!("scaled by {factor}"))
+    let (scale, rotation, _) = map.to_scale_rotation_translation();
+    let up = rotation.inverse() * UP;
+    Ok(Done::Changed(match (rotation.is_near_identity(), scale.x) {
+        (false, _) => format!("turned; ({:.3}, {:.3}, {:.3}) now points up", up.x, up.y, up.z),
+        (true, scale) if scale != 1.0 => format!("scaled by {scale}"),
+        _ => "moved".to_owned(),
+    }))
 }
 
 /// Keeps some of the Gaussians.
-fn kept(scene: &mut Scene3d, keep: Vec<bool>) -> Result<String, EditError> {
-    let (all, left) = (keep.len(), keep.iter().filter(|keep| **keep).count());
-    if left == 0 {
-        return Err(EditError::NothingLeft);
-    }
-    scene.retain(&keep);
-    Ok(format!("removed {} of {all}", counted(all - left, "Gaussian")))
+fn retained(scene: &mut Scene3d, keep: &[bool]) -> Done {
+    scene.retain(keep);
+    Done::Removed { gone: keep.iter().filter(|keep| !**keep).count(), of: keep.len() }
 }
 
 /// Adds a scene. Where both are in frames of a world, it is the same world.
-fn added(scene: &mut Scene3d, frame: WorldFrame, mut other: File3d) -> Result<String, EditError> {
+fn added(scene: &mut Scene3d, frame: WorldFrame, mut other: File3d) -> Result<Done, EditError> {
     let other_frame = other.trained_with.frame;
     if other_frame != frame && (other_frame.is_world() || frame.is_world()) {
         return Err(EditError::OtherWorld);
@@ -263,7 +345,7 @@ fn added(scene: &mut Scene3d, frame: WorldFrame, mut other: File3d) -> Result<St
     let degree = scene.sh_degree;
     let degrees = if before == degree { String::new() } else { format!("; SH degree {before} became {degree}") };
     let losses: String = other.losses.iter().map(|loss| format!("; {loss}")).collect();
-    Ok(format!("added {}{degrees}{losses}", counted(number, "Gaussian")))
+    Ok(Done::Changed(format!("added {}{degrees}{losses}", counted(number, "Gaussian"))))
 }
 
 #[cfg(test)]
@@ -299,6 +381,7 @@ mod tests {
             ("drop=colour<1", "`colour` is no property"),
             ("keep=x>=wide", "`wide` is not a number"),
             ("add=", "an operation is"),
+            ("floaters=-1", "the most that it may cost"),
         ] {
             let error = parsed(text).unwrap_err();
             assert!(error.contains(part), "{text}: {error}");

@@ -26,7 +26,7 @@ pub(crate) use self::{
 pub use self::{
     alpha::{premultiplied, straight},
     folder::{heic_files, image_files, unreadable_photographs},
-    png_file::{PngExtras, png_bytes, png_bytes_with, write_png, write_png_with},
+    png_file::{PngExtras, png_bytes, png_bytes_with, write_grey_png, write_png, write_png_with},
     profile::IccProfile,
     remark::ImageRemark,
     stored::{StoredImage, read_stored_image},

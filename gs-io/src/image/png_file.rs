@@ -45,6 +45,27 @@ pub fn write_png_with(path: impl AsRef<Path>, image: &Image, extras: PngExtras<'
     write_atomically(path, |file| encode_png(image, extras, file))
 }
 
+/// Writes a grey PNG of 16 bits, such as a depth map, atomically: `[height · width]` values, row-major.
+///
+/// # Errors
+/// Those of [`write_atomically`]; [`Error::Content`] for values that are not as many as the pixels.
+pub fn write_grey_png(path: impl AsRef<Path>, (width, height): (u32, u32), values: &[u16]) -> Result<(), Error> {
+    let path = path.as_ref();
+    let (expected, found) = (width as usize * height as usize, values.len());
+    if expected != found {
+        return Err(Error::content(path)(gs_core::Error::Length { what: "grey", expected, found }));
+    }
+    write_atomically(path, |file| {
+        let mut encoder = png::Encoder::new(file, width, height);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.set_compression(png::Compression::Fast);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&values.iter().flat_map(|value| value.to_be_bytes()).collect::<Vec<_>>())?;
+        Ok(writer.finish()?)
+    })
+}
+
 /// The bytes of the file that [`write_png`] writes.
 pub fn png_bytes(image: &Image) -> Vec<u8> {
     png_bytes_with(image, PngExtras::default())

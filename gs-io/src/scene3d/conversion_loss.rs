@@ -84,6 +84,27 @@ pub enum ConversionLoss {
 }
 
 impl ConversionLoss {
+    /// Adds what a further part of a scene has lost, so that each kind of loss stands there once.
+    pub fn merge(all: &mut Vec<Self>, more: impl IntoIterator<Item = Self>) {
+        for loss in more {
+            let same = |known: &&mut Self| match (known, &loss) {
+                (Self::Clamped { what, .. }, Self::Clamped { what: other, .. }) => *what == *other,
+                (Self::ZeroScales { .. }, Self::ZeroScales { .. }) => true,
+                (Self::InfiniteLogits { .. }, Self::InfiniteLogits { .. }) => true,
+                (known, other) => **known == *other,
+            };
+            match (all.iter_mut().find(same), loss) {
+                (None, loss) => all.push(loss),
+                (Some(Self::Clamped { values, .. }), Self::Clamped { values: more, .. }) => *values += more,
+                (Some(Self::ZeroScales { gaussians }), Self::ZeroScales { gaussians: more })
+                | (Some(Self::InfiniteLogits { gaussians }), Self::InfiniteLogits { gaussians: more }) => {
+                    *gaussians += more
+                }
+                _ => {}
+            }
+        }
+    }
+
     /// What lowering an SH degree drops.
     pub(super) fn of_degree(from: u8, to: u8) -> Option<Self> {
         (to < from).then_some(Self::Sh { from, to })

@@ -25,6 +25,7 @@ mod gltf;
 mod ksplat;
 pub(crate) mod number;
 mod options;
+mod parts;
 pub(crate) mod ply;
 mod range;
 mod sog;
@@ -47,6 +48,7 @@ pub use self::{
     conversion_loss::ConversionLoss,
     format::Format3d,
     options::{Coordinates, GltfBuffer, SpzOptions, SpzVersion, WriteOptions3d},
+    parts::{Parts3d, write_parts_3d, writes_parts_3d},
     streamed::StreamedSog,
     trained_with::TrainedWith,
     values::Rounding,

@@ -23,7 +23,7 @@ use super::{
 };
 use crate::error::Error;
 
-const RECORD_BYTES: usize = 32;
+pub(super) const RECORD_BYTES: usize = 32;
 
 /// Reads a scene of degree 0.
 pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {

@@ -24,7 +24,7 @@ use super::{
     conversion_loss::ConversionLoss,
     number::Number,
     source::Source,
-    values::{MAX_DEGREE, degree_of_rest, finite_logit},
+    values::{MAX_DEGREE, degree_of_rest, finite_logit, rest_of_degree},
 };
 use crate::{
     WorldFrame,
@@ -248,6 +248,24 @@ pub(crate) fn comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFr
     (options.trained_with.with(|s| s.frame = frame).comments(), world)
 }
 
+/// The header of a binary file of Gaussians alone, up to their number and from there on, the bytes of a row, and their
+/// number; `None` where rows differ in size, or depend on each other as means of 64 bits do. `start` holds the header.
+pub(crate) fn rows_of(path: &Path, start: &[u8]) -> Option<([Vec<u8>; 2], u64, u64)> {
+    let header = Header::parse(&Source { path, what: "a PLY of Gaussians", bytes: start }).ok()?;
+    let [vertex] = &header.elements[..] else { return None };
+    let row_bytes = vertex.properties.iter().map(|property| match property.value {
+        Value::Scalar(number) if number != Number::F64 => Some(number.bytes() as u64),
+        _ => None,
+    });
+    let row_bytes = row_bytes.sum::<Option<u64>>()?;
+    let count = format!("\nelement vertex {}\n", vertex.count);
+    let text = std::str::from_utf8(&start[..header.data_start]).ok()?;
+    let (before, after) = text.split_once(&count)?;
+    let (before, after) = ([before, "\nelement vertex "].concat(), ["\n", after].concat());
+    let is_binary = header.encoding != header::Encoding::Ascii;
+    is_binary.then(|| ([before.into_bytes(), after.into_bytes()], row_bytes, vertex.count))
+}
+
 /// Writes a scene in the layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
 ///
 /// With a frame, coordinates are those of its world: means of 64 bits if 32 do not suffice.
@@ -257,20 +275,39 @@ pub(crate) fn write(
     world: Option<WorldFrame>,
     file: &mut dyn Write,
 ) -> io::Result<()> {
-    let is_far = world.is_some_and(|frame| frame.origin != DVec3::ZERO);
-    let rest = scene.sh_len() - 1;
+    write_header(scene.sh_degree, scene.len(), comments, world, file)?;
+    write_rows(scene, world, file)
+}
+
+/// Whether coordinates of a world need 64 bits.
+fn is_far(world: Option<WorldFrame>) -> bool {
+    world.is_some_and(|frame| frame.origin != DVec3::ZERO)
+}
+
+/// Writes the header of a file of Gaussians of an SH degree.
+pub(crate) fn write_header(
+    sh_degree: u8,
+    gaussians: usize,
+    comments: &[String],
+    world: Option<WorldFrame>,
+    file: &mut dyn Write,
+) -> io::Result<()> {
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned).to_vec();
-    names.extend((0..3 * rest).map(|k| format!("f_rest_{k}")));
+    names.extend((0..rest_of_degree(sh_degree)).map(|k| format!("f_rest_{k}")));
     names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
     writeln!(file, "ply\nformat binary_little_endian 1.0")?;
     comments.iter().try_for_each(|comment| writeln!(file, "comment {comment}"))?;
     world.iter().try_for_each(|frame| writeln!(file, "comment {WORLD_FRAME}{}", frame.to_words()))?;
-    writeln!(file, "element vertex {}", scene.len())?;
-    let kind = |name: &str| if is_far && ["x", "y", "z"].contains(&name) { "double" } else { "float" };
+    writeln!(file, "element vertex {gaussians}")?;
+    let kind = |name: &str| if is_far(world) && ["x", "y", "z"].contains(&name) { "double" } else { "float" };
     names.iter().try_for_each(|name| writeln!(file, "property {} {name}", kind(name)))?;
-    writeln!(file, "end_header")?;
-    let mut row = Vec::with_capacity(4 * names.len());
+    writeln!(file, "end_header")
+}
+
+/// Writes the rows of Gaussians.
+pub(crate) fn write_rows(scene: &Scene3d, world: Option<WorldFrame>, file: &mut dyn Write) -> io::Result<()> {
+    let mut row = Vec::new();
     for i in 0..scene.len() {
         row.clear();
         // In other coordinates. Without, -0 must stay -0.
@@ -278,7 +315,7 @@ pub(crate) fn write(
         let mean = world.map_or(mean, |frame| frame.to_world(mean));
         let log_scale = scene.log_scales[i];
         let log_scale = world.map_or(log_scale, |frame| (log_scale.as_dvec3() + frame.unit.ln()).as_vec3());
-        match is_far {
+        match is_far(world) {
             true => mean.to_array().into_iter().for_each(|value| row.extend(value.to_le_bytes())),
             false => mean.as_vec3().to_array().into_iter().for_each(|value| row.extend(value.to_le_bytes())),
         }
