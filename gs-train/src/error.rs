@@ -51,6 +51,21 @@ pub enum Error {
         /// The Gaussian that most probably caused it.
         suspect: Option<Box<Suspect>>,
     },
+    /// An edit of a scene: see [`gs_io::EditError`].
+    #[cfg(feature = "edit")]
+    #[error(transparent)]
+    Edit(#[from] gs_io::EditError),
+    /// None of the views that an edit needs shows anything of the scene.
+    #[error(
+        "none of the {views} views shows any of the {gaussians} Gaussians: the views are of another place, or the scene was moved out of \
+         their coordinates; name the data set that the scene was trained with"
+    )]
+    NothingSeen {
+        /// Number of Gaussians.
+        gaussians: usize,
+        /// Number of views.
+        views: usize,
+    },
     /// No training view shows any of the first Gaussians.
     #[error(
         "none of the {gaussians} first Gaussians is in sight of any of the {views} views to train with: the cameras look away, or the \

@@ -11,6 +11,8 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+#[cfg(feature = "edit")]
+pub mod edit;
 mod encode;
 mod error;
 mod fit;

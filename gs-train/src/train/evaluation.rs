@@ -128,7 +128,7 @@ pub struct TrainingViews {
 
 /// An 8-bit rendering and its target before the same background, with rendered pixels where the
 /// mask leaves them out.
-pub(super) struct Pair {
+pub(crate) struct Pair {
     rendered: Image,
     target: Image,
     /// Number of pixels per pixel that counts.
@@ -136,7 +136,7 @@ pub(super) struct Pair {
 }
 
 /// Pairs a rendering with its image; `None` where no pixel counts.
-pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3]) -> Result<Option<Pair>, Error> {
+pub(crate) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3]) -> Result<Option<Pair>, Error> {
     paired(rendered.rounded_to_8_bits(), posed, background)
 }
 
@@ -200,7 +200,7 @@ pub(super) fn of_half(
 }
 
 impl Pair {
-    pub(super) fn l1_and_psnr(&self) -> Result<(f64, f64), Error> {
+    pub(crate) fn l1_and_psnr(&self) -> Result<(f64, f64), Error> {
         let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target)?;
         Ok((l1 * self.share, psnr + psnr_of_mse(self.share)))
     }
