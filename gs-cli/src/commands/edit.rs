@@ -7,13 +7,20 @@ use std::{
 };
 
 use clap::Args;
-use gs_core::{Scene as _, counted};
-use gs_io::{ConversionLoss, Edit, EditError, File3d, Format3d, WorldFrame, WriteOptions3d};
+use gs_backend::FutureExt as _;
+use gs_core::{Image, Scene as _, counted};
+use gs_io::{
+    ConversionLoss, Done, Edit, EditError, File3d, Format3d, Parts3d, TrainedWith, WorldFrame, WriteOptions3d,
+    Written3d, writes_parts_3d,
+};
+use gs_train::{edit::ViewEditor, train::Views};
 use serde::Serialize;
 
 use crate::{
     failure::Failure,
     files::{output_folder, scene},
+    flags::{backend::BackendArgs, dataset::DatasetArgs, render_args::RenderArgs3d},
+    memory,
     terminal::output,
 };
 
@@ -30,19 +37,23 @@ Operations, done from left to right:
   keep=FILTER: remove Gaussians for which a filter is false
   drop=FILTER: remove Gaussians for which a filter is true
   add=FILE: add the Gaussians of another file
+  floaters, floaters=DB: remove Gaussians that hang in front of what the training views show, as long as these views
+    lose at most 0.05 dB, or DB, of their PSNR; with --views
 
 Regions: box:X,Y,Z,X,Y,Z (two corners), sphere:X,Y,Z,RADIUS, plane:X,Y,Z,OFFSET (where X x + Y y + Z z >= OFFSET), \
 polygon:X,Z,X,Z,X,Z (seen from above). What lies in a region is decided by the means of the Gaussians.
 
-Filters: opacity, size, thickness, x, y, z, red, green or blue; <, <=, > or >=; a number. Opacity and colours are 0 to 1; \
-size and thickness are standard deviations of the longest and the shortest axis. Quote filters for the shell: \
+Filters: opacity, size, thickness, x, y, z, red, green, blue or contribution; <, <=, > or >=; a number. Opacity and colours are 0 to 1; \
+size and thickness are standard deviations of the longest and the shortest axis. With --views there is also contribution: \
+the sum of the blending weights of a Gaussian in the view where it is largest, in pixels. Quote filters for the shell: \
 'drop=opacity<0.02'.
 
 What moves, turns or scales a scene takes it out of its place in the world of its data set. gs convert --frame world \
 writes the coordinates of that world.
 
 Example:
-  gs edit out room.ply 'drop=opacity<0.02' up=ground scale-from=0,0,0,1,0,0,2.5 crop=sphere:0,0,0,4";
+  gs edit out room.ply 'drop=opacity<0.02' up=ground scale-from=0,0,0,1,0,0,2.5 crop=sphere:0,0,0,4
+  gs edit out clean.ply --views dataset floaters 'keep=contribution>0.1'";
 
 /// The flags of `gs edit`.
 #[derive(Debug, Clone, Args)]
@@ -55,10 +66,25 @@ pub(crate) struct EditArgs {
     /// What to do; see below
     #[arg(required = true, value_name = "OPERATION", allow_negative_numbers = true)]
     operations: Vec<Operation>,
+    /// The data set whose training views floaters and contribution are found with
+    #[arg(long, value_name = "DATASET")]
+    views: Option<PathBuf>,
+    /// Write pictures of some views into this folder, with what floaters removes in magenta
+    #[arg(long, value_name = "FOLDER", requires = "views")]
+    preview: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    images: DatasetArgs,
+    #[command(flatten)]
+    render: RenderArgs3d,
+    #[command(flatten)]
+    backend: BackendArgs,
 }
+
+/// Pictures that `--preview` writes for an operation.
+const PICTURES: usize = 4;
 
 /// An operation, as it was written and as it is done.
 #[derive(Debug, Clone)]
@@ -76,15 +102,14 @@ impl FromStr for Operation {
 }
 
 impl Operation {
-    /// Does it, and says what it did.
-    fn apply(&self, file: &mut File3d) -> Result<String, Failure> {
-        let done = self.edit.apply(&mut file.scene, &mut file.trained_with.frame).map_err(|error| match error {
-            EditError::Read(error) => Failure::of_scene(*error),
-            EditError::NoGround => Failure::failed(error),
-            _ => Failure::usage(error),
-        });
-        let done = done.map_err(|failure| failure.at(&self.text))?;
-        Ok(format!("{}: {done}", self.text))
+    fn failed(&self, error: impl Into<gs_train::Error>) -> Failure {
+        let failure = match error.into() {
+            gs_train::Error::Edit(EditError::Read(error)) => Failure::of_scene(*error),
+            gs_train::Error::Edit(error @ EditError::NoGround) => Failure::failed(error),
+            gs_train::Error::Edit(error) => Failure::usage(error),
+            error => error.into(),
+        };
+        failure.at(&self.text)
     }
 }
 
@@ -111,43 +136,150 @@ pub(crate) fn run(args: &EditArgs) -> Result<(), Failure> {
     if Format3d::to_write(&args.to).is_none() {
         return Err(Format3d::unknown_ending(&args.to).into());
     }
+    if let Some(operation) = args.operations.iter().find(|o| args.views.is_none() && o.edit.needs_views()) {
+        let failure = Failure::usage("it needs views that show the scene").at(&operation.text);
+        return Err(failure.hint("name their data set with --views"));
+    }
     let others = args.operations.iter().filter_map(|operation| match &operation.edit {
-        Edit::Add(path) => Some(path),
+        Edit::Add(path) => Some(scene::file_of(path)),
         _ => None,
     });
-    let mut inputs: Vec<PathBuf> = others.chain([&args.scene]).map(|path| scene::file_of(path)).collect();
+    let scene = scene::file_of(&args.scene);
+    let inputs: Vec<PathBuf> = others.chain([scene.clone()]).collect();
     output_folder::check_file(&args.to, &inputs)?;
-    let mut file = scene::read_3d(&args.scene)?;
-    output_folder::check_file(&args.to, &file.beside)?;
-    inputs.extend(file.beside.iter().cloned());
-    let from = file.scene.len();
-    let operations = args.operations.iter().map(|operation| operation.apply(&mut file)).collect::<Result<_, _>>()?;
-    let report = write(args, &inputs, file, from, operations)?;
+    let is_local = args.operations.iter().all(|operation| operation.edit.is_local()) && writes_parts_3d(&args.to);
+    let report = match is_local.then(|| Parts3d::open(&scene)).transpose()?.flatten() {
+        Some(parts) => in_parts(args, parts)?,
+        None => as_a_whole(args, inputs)?,
+    };
     output::answer(args.json, &report, || text(&report))
 }
 
-fn write(
-    args: &EditArgs,
-    inputs: &[PathBuf],
-    file: File3d,
+/// What was done to a scene, or to its parts so far.
+#[derive(Debug, Default)]
+struct Work {
     from: usize,
-    operations: Vec<String>,
-) -> Result<Report, Failure> {
+    gaussians: usize,
+    /// What each operation did.
+    done: Vec<Done>,
+    trained_with: TrainedWith,
+    losses: Vec<ConversionLoss>,
+}
+
+impl Work {
+    /// Edits a scene or its next part.
+    fn edit(
+        &mut self,
+        args: &EditArgs,
+        file: &mut File3d,
+        mut apply: impl FnMut(&Operation, &mut File3d) -> Result<Done, Failure>,
+    ) -> Result<(), Failure> {
+        self.from += file.scene.len();
+        for (index, operation) in args.operations.iter().enumerate() {
+            if let Edit::Add(path) = &operation.edit {
+                let path = scene::file_of(path);
+                if path.is_file() {
+                    memory::check_3d(&path)?;
+                }
+            }
+            let done = apply(operation, file)?;
+            match self.done.get_mut(index) {
+                Some(before) => *before = before.clone().and(done),
+                None => self.done.push(done),
+            }
+        }
+        self.gaussians += file.scene.len();
+        self.trained_with = file.trained_with;
+        ConversionLoss::merge(&mut self.losses, file.losses.drain(..));
+        Ok(())
+    }
+
+    fn report(mut self, args: &EditArgs, written: Written3d) -> Report {
+        ConversionLoss::merge(&mut self.losses, written.losses);
+        let path = |path: &Path| path.display().to_string();
+        let texts = args.operations.iter().zip(&self.done);
+        Report {
+            read: path(&scene::file_of(&args.scene)),
+            written: path(&args.to),
+            format: written.format.to_string(),
+            from: self.from,
+            gaussians: self.gaussians,
+            operations: texts.map(|(operation, done)| format!("{}: {done}", operation.text)).collect(),
+            frame: Some(self.trained_with.frame).filter(|frame| !frame.is_world()),
+            lost: self.losses.iter().map(ConversionLoss::to_string).collect(),
+        }
+    }
+}
+
+/// An operation on a scene without views, or on a part of one.
+fn applied(operation: &Operation, file: &mut File3d) -> Result<Done, Failure> {
+    let done = operation.edit.apply(&mut file.scene, &mut file.trained_with.frame);
+    done.map_err(|error| operation.failed(error))
+}
+
+/// Edits part by part, twice: the number of Gaussians stands before the first.
+fn in_parts(args: &EditArgs, parts: Parts3d) -> Result<Report, Failure> {
+    let mut work = Work::default();
+    for part in parts {
+        work.edit(args, &mut part.map_err(Failure::of_scene)?, applied)?;
+    }
+    for (operation, done) in args.operations.iter().zip(&work.done) {
+        done.clone().check().map_err(|error| operation.failed(error))?;
+    }
+    let options = WriteOptions3d::default().with(|s| s.trained_with = work.trained_with);
+    let again = Parts3d::open(scene::file_of(&args.scene))?.into_iter().flatten().map(|part| {
+        let mut part = part.map_err(Failure::of_scene)?;
+        Work::default().edit(args, &mut part, applied)?;
+        Ok::<_, Failure>(part.scene)
+    });
+    let written = gs_io::write_parts_3d(&args.to, work.gaussians, &options, again)?;
+    Ok(work.report(args, written))
+}
+
+/// Edits a scene in memory.
+fn as_a_whole(args: &EditArgs, mut inputs: Vec<PathBuf>) -> Result<Report, Failure> {
+    let mut file = scene::read_3d(&args.scene)?;
+    output_folder::check_file(&args.to, &file.beside)?;
+    inputs.extend(file.beside.iter().cloned());
+    let mut work = Work::default();
+    let checked = |operation: &Operation, done: Result<Done, gs_train::Error>| {
+        let done = done.and_then(|done| Ok(done.check()?));
+        done.map_err(|error| operation.failed(error))
+    };
+    match &args.views {
+        None => work.edit(args, &mut file, |operation, file| {
+            applied(operation, file)?.check().map_err(|error| operation.failed(error))
+        })?,
+        Some(path) => {
+            let dataset = args.images.read_for(&file, path)?;
+            let render = args.render.settings(&file, Some(&dataset));
+            args.render.note_guess(&file);
+            let backend = args.backend.open()?;
+            let mut editor = ViewEditor::new(backend.rasterizer.for_3d(), Views::of_dataset(&dataset).cached(), render);
+            editor.pictures = if args.preview.is_some() { PICTURES } else { 0 };
+            work.edit(args, &mut file, |operation, file| {
+                let done = editor.apply(&operation.edit, &mut file.scene, &mut file.trained_with.frame).block_on();
+                checked(operation, done)
+            })?;
+            if let Some(folder) = &args.preview {
+                write_pictures(folder, &editor.marked)?;
+            }
+        }
+    }
     let options = WriteOptions3d::default().with(|s| s.trained_with = file.trained_with);
     let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
-    beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, inputs))?;
+    beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let written = gs_io::write_3d(&args.to, &file.scene, &options).map_err(Failure::of_scene)?;
-    let path = |path: &Path| path.display().to_string();
-    Ok(Report {
-        read: path(&scene::file_of(&args.scene)),
-        written: path(&args.to),
-        format: written.format.to_string(),
-        from,
-        gaussians: file.scene.len(),
-        operations,
-        frame: Some(file.trained_with.frame).filter(|frame| !frame.is_world()),
-        lost: file.losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-    })
+    Ok(work.report(args, written))
+}
+
+/// Writes what the operations would remove, in a signal colour.
+fn write_pictures(folder: &Path, marked: &[(String, Image)]) -> Result<(), Failure> {
+    gs_io::prepare_folder(folder)?;
+    for (name, image) in marked {
+        gs_io::write_png(folder.join(format!("{name}.png")), image)?;
+    }
+    Ok(())
 }
 
 fn text(report: &Report) -> String {

@@ -2,6 +2,7 @@
 
 mod adapters;
 mod dataset;
+mod measure;
 mod scene3d;
 mod values;
 
@@ -17,6 +18,7 @@ use gs_io::{
 use gs_lab::report::significant;
 use serde::Serialize;
 
+use self::measure::Measure;
 use self::values::{ValueQuantiles, not_finite_2d};
 use crate::{
     failure::Failure,
@@ -35,6 +37,10 @@ pub(crate) struct InfoArgs {
     /// List the GPUs and software drivers of this machine, and the choice of --backend auto
     #[arg(long, conflicts_with = "file")]
     adapters: bool,
+    /// Measure in a 3D scene: the distance of two points X,Y,Z,X,Y,Z, or the area of a polygon
+    /// polygon:X,Z,X,Z,X,Z as seen from above and the heights of the scene in it
+    #[arg(long, value_name = "PLACES", allow_hyphen_values = true)]
+    measure: Option<Measure>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -102,9 +108,13 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         }
     }
     let SceneFile { path, scene, metadata, has_alpha, .. } = scene::read(file, Values::Any)?;
-    let scene_2d = match scene {
-        AnyScene::ThreeD(file) => return scene3d::print(&path, *file, metadata, args.json),
-        AnyScene::TwoD(scene_2d) => scene_2d,
+    let scene_2d = match (scene, &args.measure) {
+        (AnyScene::ThreeD(file), Some(measure)) => return measure.print(&file, args.json),
+        (AnyScene::TwoD(_), Some(_)) => {
+            return Err(Failure::usage("is a 2D scene, and --measure measures 3D scenes").at(file.display()));
+        }
+        (AnyScene::ThreeD(file), None) => return scene3d::print(&path, *file, metadata, args.json),
+        (AnyScene::TwoD(scene_2d), None) => scene_2d,
     };
     let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
     let kind = if metadata.is_some() { Kind::Checkpoint } else { Kind::Scene };

@@ -98,6 +98,8 @@ fn what_cannot_be_done_changes_nothing() {
         (&["scale=1e38", "scale=1e38"], 2, "does not fit into numbers of 32 bits"),
         (&["add=nothing.ply"], 1, "nothing.ply"),
         (&["up=ground"], 1, "no ground was found"),
+        (&["floaters"], 2, "floaters: it needs views that show the scene: name their data set with --views"),
+        (&["scale=2", "drop=contribution<1"], 2, "drop=contribution<1: it needs views"),
         (&[], 2, "OPERATION"),
     ] {
         refused(edit(&scene, &edited, operations), status, part);
@@ -109,4 +111,32 @@ fn what_cannot_be_done_changes_nothing() {
     fs::write(&other, &bytes).unwrap();
     refused(edit(&scene, &other, &[&format!("add={}", other.display())]), 2, "is an input of this run");
     assert!(fs::read(&scene).unwrap() == bytes && fs::read(&other).unwrap() == bytes);
+}
+
+#[test]
+fn a_scene_is_edited_part_by_part_as_in_memory() {
+    let place = folder();
+    let (scene, [parts, whole]) = (ply(place.path()), ["parts.ply", "whole.ply"].map(|name| place.path().join(name)));
+    let operations = ["turn=1,1,0:30", "scale=2", "crop=plane:1,0,0,3", "drop=opacity<0.5"];
+    let in_parts = edit(&scene, &parts, &operations).done().stdout;
+    // A glTF is read as a whole.
+    let gltf = place.path().join("scene.glb");
+    gs(["convert".as_ref(), scene.as_os_str(), gltf.as_os_str()]).done();
+    let in_memory = edit(&gltf, &whole, &operations).done().stdout;
+    let done = |text: &str| text.lines().filter(|line| line.starts_with("done")).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(done(&in_parts), done(&in_memory));
+    let [parts, whole] = [parts, whole].map(|path| read_3d(path).unwrap().scene);
+    assert!(parts.len() == whole.len() && parts.means.iter().zip(&whole.means).all(|(a, b)| a.abs_diff_eq(*b, 1e-5)));
+    refused(edit(&scene, &place.path().join("none.ply"), &["drop=x>-99"]), 2, "nothing would be left of the scene");
+}
+
+#[test]
+fn lengths_and_areas_are_measured() {
+    let place = folder();
+    let scene = ply(place.path());
+    let measure = |what: &str| gs(["info", scene.to_str().unwrap(), "--json", "--measure", what]);
+    assert_eq!(measure("0,0,0,3,4,0").json()["length"], 5.0);
+    let area = measure("polygon:-1,-99,99,-99,99,99,-1,99").json();
+    assert_eq!((&area["area"], &area["gaussians"]), (&19800.0.into(), &10.into()));
+    refused(measure("1,2"), 2, "write it as X,Y,Z,X,Y,Z");
 }

@@ -238,14 +238,22 @@ class Scene3d:
 
         :raises OSError: for a file that cannot be written, or another ending.
         """
-    def edited(self, *operations: str) -> Scene3d:
+    def edited(
+        self,
+        *operations: str,
+        dataset: Path | None = None,
+        reading: Settings | None = None,
+        backend: BackendChoice = None,
+    ) -> Scene3d:
         """A copy after operations, done from first to last, each written as for ``gs edit``.
 
         ``scene.edited("up=ground", "crop=sphere:0,0,0,4", "drop=opacity<0.02")`` levels the ground
         and removes what is far away or nearly transparent. ``gs edit --help`` lists the operations.
+        ``floaters`` and ``contribution`` need the training views of a ``dataset``, which is read
+        with ``reading`` as for ``evaluate``.
 
         :raises ValueError: for an operation that is unknown or cannot be done.
-        :raises OSError: for a file to add that cannot be read.
+        :raises OSError: for a file to add or a data set that cannot be read.
         """
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""

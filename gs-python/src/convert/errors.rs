@@ -55,6 +55,7 @@ impl IntoPython for gs_train::Error {
         match self {
             E::Io(error) => error.into_python(),
             E::Core(error) => error.into_python(),
+            E::Edit(gs_io::EditError::Read(error)) => error.into_python(),
             E::Diverged { .. } | E::Finished { .. } => PyRuntimeError::new_err(text(&self)),
             _ => PyValueError::new_err(text(&self)),
         }

@@ -5,7 +5,8 @@ use std::{path::PathBuf, sync::Arc};
 use bytemuck::cast_slice;
 use gs_backend::block_on;
 use gs_core::{Rasterizer as _, RenderSettings, Scene as _, math::sh};
-use gs_io::{AnyScene, Edit, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
+use gs_io::{AnyScene, Done, Edit, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
+use gs_train::{edit::ViewEditor, train::Views};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{
     IntoPyObjectExt,
@@ -21,6 +22,7 @@ use crate::{
         errors::{self, IntoPython},
         notebook,
     },
+    run,
 };
 
 #[doc = doc!("Scene3d")]
@@ -171,16 +173,37 @@ impl Scene3d {
     }
 
     #[doc = doc!("Scene3d.edited")]
-    #[pyo3(signature = (*operations))]
-    fn edited(&self, py: Python<'_>, operations: Vec<String>) -> PyResult<Self> {
+    #[pyo3(signature = (*operations, dataset = None, reading = None, backend = None))]
+    fn edited(
+        &self,
+        py: Python<'_>,
+        operations: Vec<String>,
+        dataset: Option<PathBuf>,
+        reading: Option<&Bound<'_, PyAny>>,
+        backend: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let parse = |text: &String| text.parse::<Edit>().map_err(|error| errors::value(text, error));
         let edits = operations.iter().map(parse).collect::<PyResult<Vec<_>>>()?;
         let (mut scene, mut trained_with) = ((*self.scene).clone(), self.trained_with);
-        errors::computed(py, || {
-            edits.iter().zip(&operations).try_for_each(|(edit, text)| {
-                edit.apply(&mut scene, &mut trained_with.frame).map(drop).map_err(|error| (text.as_str(), error))
-            })
-        })?;
+        let frame = &mut trained_with.frame;
+        if let Some(dataset) = dataset {
+            let dataset = run::read_dataset(py, &dataset, reading, Some(self.frame()))?;
+            let render = self.render(dataset.kind.background());
+            backend::chosen(py, backend)?.compute_within(py, |on| {
+                let mut editor = ViewEditor::new(on, Views::of_dataset(&dataset).cached(), render);
+                edits.iter().try_for_each(|edit| {
+                    let done = block_on(editor.apply(edit, &mut scene, frame))?;
+                    Ok::<_, gs_train::Error>(drop(done.check()?))
+                })
+            })?;
+        } else {
+            errors::computed(py, || {
+                edits.iter().zip(&operations).try_for_each(|(edit, text)| {
+                    let done = edit.apply(&mut scene, frame).and_then(Done::check);
+                    done.map(drop).map_err(|error| (text.as_str(), error))
+                })
+            })?;
+        }
         Ok(Self { scene: Arc::new(scene), trained_with, settings: self.settings })
     }
 

@@ -1,6 +1,7 @@
 //! `gs render`: a scene as a picture, or as many pictures of a moving camera.
 
 mod lod;
+mod panorama;
 mod scene2d;
 mod scene3d;
 
@@ -65,6 +66,11 @@ pub(crate) struct RenderArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
+    /// Write depths along the optical axis instead of colours: grey PNGs of 16 bits in steps of this part of the
+    /// scene's unit; 0 where less than half of a pixel is covered
+    #[arg(long, value_name = "STEP", num_args = 0..=1, require_equals = true, default_missing_value = "0.001",
+          value_parser = above_0, conflicts_with_all = ["panorama", "region", "background"])]
+    depth: Option<f32>,
     /// Also print the effects that are simulated, and why
     #[arg(short, long)]
     verbose: bool,
@@ -130,6 +136,12 @@ struct CameraArgs {
     /// Cameras along the path in this file
     #[arg(long, value_name = "FILE.json", conflicts_with = "size")]
     path: Option<PathBuf>,
+    /// From straight above without perspective, at this many pixels a unit of the scene
+    #[arg(long, value_name = "PX", value_parser = above_0, conflicts_with_all = ["camera", "orbit", "path", "panorama"])]
+    ortho: Option<f32>,
+    /// All directions around the camera as one equirectangular picture [size: 2000x1000]
+    #[arg(long)]
+    panorama: bool,
     /// Up direction and axis of an orbit: x, y, z, -x, -y or -z [default: that of the data set,
     /// otherwise -y]
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
@@ -139,6 +151,12 @@ struct CameraArgs {
     fps: u16,
     #[command(flatten)]
     reading: ReadingArgs,
+}
+
+/// Parses a number above 0.
+fn above_0(text: &str) -> Result<f32, String> {
+    let value = text.parse().ok().filter(|value: &f32| value.is_finite() && *value > 0.0);
+    value.ok_or_else(|| "must be a number above 0".to_owned())
 }
 
 /// Endings of formats that are not written. A PNG with such a name would be mistaken for one.
@@ -163,8 +181,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
             AnyScene::TwoD(file) => (*file).into(),
         }
     };
-    let CameraArgs { camera, orbit, path, up, .. } = &args.cameras;
-    if camera.is_some() || orbit.is_some() || path.is_some() || up.is_some() || args.render.is_some() {
+    let CameraArgs { camera, orbit, path, up, ortho, panorama, .. } = &args.cameras;
+    let has_camera = camera.is_some() || orbit.is_some() || path.is_some() || ortho.is_some() || *panorama;
+    if has_camera || up.is_some() || args.depth.is_some() || args.render.is_some() {
         let message = "is a 2D scene, which has no camera, order or background to choose";
         return Err(Failure::usage(message).at(args.scene.display()).hint("use --size and --region alone"));
     }

@@ -2,19 +2,22 @@
 
 use std::{fs, path::Path};
 
+use glam::{Vec2, Vec3};
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{
-    Camera, Culled, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d, counted,
+    Camera, Culled, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d,
+    constants::MAX_SIDE_PX,
+    counted,
     effects::RequiredEffects,
-    view::{CameraPath, Orbit},
+    view::{Bulk, CameraPath, Orbit},
 };
 use gs_io::{
     Animation, File3d, FolderClaim, PngExtras, StoredImage, dataset::Dataset, draw_with_alpha, write_animation,
-    write_png_with,
+    write_grey_png, write_png_with,
 };
 use gs_train::parse_json;
 
-use super::{CameraArgs, RenderArgs, lod::Lod};
+use super::{CameraArgs, RenderArgs, lod::Lod, panorama};
 use crate::{
     failure::Failure,
     files::{
@@ -49,15 +52,27 @@ pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result
         let message = "--background none: animated PNGs are written without alpha";
         return Err(Failure::usage(message).hint("name a folder, which gets a PNG with alpha for each frame"));
     }
+    let is_special = args.depth.is_some() || args.cameras.panorama;
+    if is_special && (is_transparent || matches!(Output::of(args, cameras.len())?, Output::Animation)) {
+        let message = "--depth and --panorama write PNGs without alpha, one for each frame";
+        return Err(Failure::usage(message).hint("name a PNG or a folder, and leave out --background none"));
+    }
     let claim = claim(args, cameras.len(), dataset.as_ref())?;
     let Camera { width, height, .. } = cameras[0];
+    // The faces of a panorama have about three times its pixels.
+    let height = if args.cameras.panorama { height.saturating_mul(4) } else { height };
     memory::check_picture(args.scene.display(), (width, height))?;
+    let faces = |camera: &Camera| match args.cameras.panorama {
+        true => panorama::cameras(camera, camera.width).to_vec(),
+        false => vec![*camera],
+    };
+    let drawn: Vec<Camera> = cameras.iter().flat_map(faces).collect();
     let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
     let backend = args.backend(frontier.as_ref()).open()?;
     let render = file.render_settings(dataset.as_ref());
     let render = frontier.map_or(render, |frontier| frontier.applied_to(render));
     let RequiredEffects { settings, decisions } =
-        args.effects().choose(scene, &cameras, &args.render.applied_to(render))?;
+        args.effects().choose(scene, &drawn, &args.render.applied_to(render))?;
     render_frames(args, &backend.rasterizer, scene, &cameras, &settings, claim)?;
     if args.settings.is_none() {
         args.render.note_guess(file);
@@ -130,12 +145,48 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
         let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
         return Ok((cameras, None));
     }
+    if let Some(scale) = args.ortho {
+        return Ok((vec![from_above(&file.scene, scale, size, args.up)?], None));
+    }
     let (Home { camera, target, up }, dataset) = Home::named(args.camera.as_ref(), &args.reading, file, size, args.up)?;
     let cameras = match args.orbit {
+        None if args.panorama => {
+            let Size { width, height } = size.unwrap_or(PANORAMA);
+            vec![Camera { width, height, ..camera }]
+        }
         None => vec![camera],
         Some(frames) => Orbit { center: target, axis: up, frames }.cameras(&camera),
     };
     Ok((cameras, dataset))
+}
+
+/// Default size of a panorama.
+const PANORAMA: Size = Size { width: 2000, height: 1000 };
+
+/// Distance of the camera of an orthographic picture in radii of the scene. What is a radius above or below the centre
+/// moves by a 4000th of its distance from the middle of the picture: by 1/8 px at the border of 1000 px.
+const FAR: f32 = 4000.0;
+
+/// A camera so far above the scene that its rays are parallel, with this many pixels a unit.
+fn from_above(scene: &Scene3d, scale: f32, size: Option<Size>, up: Option<Vec3>) -> Result<Camera, Failure> {
+    let bulk = Bulk::of(scene).ok_or_else(|| Failure::failed("the scene has no Gaussian that could be seen"))?;
+    let side = (2.0 * bulk.radius * scale).ceil().clamp(1.0, MAX_SIDE_PX as f32) as u32;
+    let Size { width, height } = size.unwrap_or(Size { width: side, height: side });
+    let (up, distance) = (up.unwrap_or(Vec3::NEG_Y), FAR * bulk.radius);
+    let ahead = if up.z == 0.0 { Vec3::Z } else { Vec3::Y };
+    let lens = Camera { focal: Vec2::splat(scale * distance), ..Camera::looking_forward(width, height, 1.0) };
+    lens.looking_at(bulk.center + up * distance, bulk.center, ahead)
+        .ok_or_else(|| Failure::failed("the scene is too large to be seen from outside; gs info shows its extent"))
+}
+
+/// Depths in steps of a part of the unit, `[height · width]`; 0 where less than half of a pixel is covered, or beyond
+/// 65,535 steps. The depth of a pixel is the harmonic mean over its Gaussians.
+fn depths(inverse: &Image, alpha: &[f32], step: f32) -> Vec<u16> {
+    let depth = |(inverse, &alpha): (&[f32; 3], &f32)| match (alpha / inverse[0] / step).round() {
+        steps if alpha >= 0.5 && steps <= f32::from(u16::MAX) => steps as u16,
+        _ => 0,
+    };
+    inverse.pixels().iter().zip(alpha).map(depth).collect()
 }
 
 fn read_path(file: &Path) -> Result<CameraPath, Failure> {
@@ -156,6 +207,27 @@ fn render_frames(
     let mut culled = Culled::default();
     let is_transparent = args.render.background == Some(Behind::None);
     let mut frame = |camera: &Camera| -> Result<(Image, Option<Vec<f32>>), Failure> {
+        if args.cameras.panorama {
+            let faces = panorama::cameras(camera, camera.width);
+            let faces: Vec<_> =
+                faces.iter().map(|face| rasterizer.draw(&splats, face, render).block_on()).collect::<Result<_, _>>()?;
+            let faces: Vec<Image> = faces
+                .into_iter()
+                .map(|(image, left_out)| {
+                    culled = culled.plus(left_out);
+                    image
+                })
+                .collect();
+            return Ok((panorama::join(&faces, camera.width, camera.height)?, None));
+        }
+        if args.depth.is_some() {
+            let covered = render.of_alpha();
+            let inverse = covered.with(|s| s.output = gs_core::Output::InverseDepth);
+            let (image, left_out) = rasterizer.draw(&splats, camera, &inverse).block_on()?;
+            let (alpha, _) = rasterizer.draw(&splats, camera, &covered).block_on()?;
+            culled = culled.plus(left_out);
+            return Ok((image, Some(alpha.pixels().iter().map(|pixel| pixel[0]).collect())));
+        }
         let (image, alpha, left_out) = match is_transparent {
             false => {
                 let (image, left_out) = rasterizer.draw(&splats, camera, render).block_on()?;
@@ -170,8 +242,9 @@ fn render_frames(
         culled = culled.plus(left_out);
         Ok((image, alpha))
     };
-    let write = |path: &Path, (image, alpha): (Image, Option<Vec<f32>>)| {
-        write_png_with(path, &image, PngExtras { alpha: alpha.as_deref(), profile: None })
+    let write = |path: &Path, (image, alpha): (Image, Option<Vec<f32>>)| match (args.depth, &alpha) {
+        (Some(step), Some(alpha)) => write_grey_png(path, image.size(), &depths(&image, alpha, step)),
+        _ => write_png_with(path, &image, PngExtras { alpha: alpha.as_deref(), profile: None }),
     };
     let Camera { width, height, .. } = cameras[0];
     let output = &args.output;
@@ -197,8 +270,9 @@ fn render_frames(
         true => format!("{}, with alpha", render_args::describe_scene(render)),
         false => render_args::describe(render),
     };
+    let how = args.depth.map_or(how, |step| format!("depths in steps of {step} of the scene's unit"));
     output::note(format_args!("wrote {}, {size}: {how}", output.display()));
-    if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {
+    if let Some(why) = why_empty(culled, scene.len(), cameras.len() * if args.cameras.panorama { 6 } else { 1 }) {
         output::note(format_args!("note: nothing of the scene is in sight: {why}"));
     }
     Ok(())
