@@ -192,8 +192,8 @@ impl Scene3d {
             backend::chosen(py, backend)?.compute_within(py, |on| {
                 let mut editor = ViewEditor::new(on, Views::of_dataset(&dataset).cached(), render);
                 edits.iter().try_for_each(|edit| {
-                    let done = block_on(editor.apply(edit, &mut scene, frame))?;
-                    Ok::<_, gs_train::Error>(drop(done.check()?))
+                    block_on(editor.apply(edit, &mut scene, frame))?.check()?;
+                    Ok::<_, gs_train::Error>(())
                 })
             })?;
         } else {

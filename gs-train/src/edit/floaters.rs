@@ -18,7 +18,7 @@ use crate::{
 const IN_FRONT: f32 = 0.1;
 
 /// Times that the depth is taken: first that of the fitted opacities, then without the Gaussians that do harm.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 2;
 
 /// Steps that fit the opacities, for each view; and the fewest and the most of them.
 const STEPS_A_VIEW: usize = 3;

@@ -277,3 +277,38 @@ fn render_frames(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_are_steps_of_a_unit_where_something_is() {
+        let inverse = Image::from_pixels(4, 1, [0.5, 0.25, 0.1, 0.0].map(|value| [value; 3]).to_vec()).unwrap();
+        assert_eq!(depths(&inverse, &[1.0, 0.5, 0.4, 0.0], 0.001), [2000, 2000, 0, 0]);
+        assert_eq!(depths(&inverse, &[1.0; 4], 1e-5), [0; 4], "too far for 16 bits, or without end");
+    }
+
+    #[test]
+    fn a_picture_from_above_has_one_scale() {
+        let gaussian = |x: f32, y: f32, z: f32| gs_core::Gaussian3d {
+            mean: Vec3::new(x, y, z),
+            log_scale: Vec3::splat(-5.0),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: vec![Vec3::ZERO],
+        };
+        let place = |i| gaussian((i % 5) as f32 - 2.0, (i % 3) as f32 - 1.0, (i / 5) as f32);
+        let scene: Scene3d = (0..20).map(place).collect();
+        let camera = from_above(&scene, 100.0, None, None).unwrap();
+        camera.validate().unwrap();
+        let at = |x, y, z| camera.project(Vec3::new(x, y, z)).unwrap().0;
+        for height in [-1.0, 1.0] {
+            let right = at(1.0, height, 2.0) - at(0.0, height, 2.0);
+            let ahead = at(0.0, height, 3.0) - at(0.0, height, 2.0);
+            assert!(right.distance(Vec2::new(100.0, 0.0)) < 0.1, "{right}");
+            assert!(ahead.distance(Vec2::new(0.0, -100.0)) < 0.1, "{ahead}");
+        }
+        assert!(at(2.0, 1.0, 2.0).distance(at(2.0, -1.0, 2.0)) < 0.2);
+    }
+}
