@@ -1,5 +1,7 @@
 //! Measures how many planted floaters are found, a twentieth of a scene's Gaussians, and how much of the scene is lost:
-//! `cargo run --release -p gs-train --example floaters -- SCENE DATASET MAX_SIDE`.
+//! `cargo run --release -p gs-train --example floaters -- SCENE DATASET MAX_SIDE world`.
+
+#![allow(clippy::print_stdout)]
 
 use std::{num::NonZeroU32, path::Path, time::Instant};
 
@@ -17,7 +19,10 @@ mod planted;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [scene, dataset, side] = &arguments[..] else { return Err("name a scene, a data set and a size".into()) };
+    let [scene, dataset, side, sizes] = &arguments[..] else {
+        return Err("name a scene, a data set, a size of images, and the sizes of floaters: world or picture".into());
+    };
+    let sizes = if sizes == "picture" { planted::Sizes::Picture } else { planted::Sizes::World };
     let file = gs_io::read_3d(scene)?;
     let settings = DatasetSettings::default()
         .with(|s| (s.max_side, s.frame) = (side.parse().ok().and_then(NonZeroU32::new), Some(file.trained_with.frame)));
@@ -29,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let (real, mut scene) = (file.scene.len(), file.scene);
     println!("{real} Gaussians: {:.3} dB over the held-out views", psnr(&scene, &render)?);
-    planted::plant(&on, &mut scene, &views.train, &render, real / 20);
+    planted::plant(&on, &mut scene, &views.train, &render, (real / 20, sizes));
     println!("with {} planted: {:.3} dB", scene.len() - real, psnr(&scene, &render)?);
     let start = Instant::now();
     let found = Floaters::find(&on, &scene, &views, &render, 0.05).block_on()?;

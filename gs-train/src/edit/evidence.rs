@@ -7,8 +7,10 @@
 
 use glam::Vec3;
 use gs_core::{
-    Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d, constants::SH_C0,
-    effects::Background, logit, sigmoid,
+    Image, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
+    constants::SH_C0,
+    effects::{Background, Order},
+    logit, sigmoid,
 };
 use gs_density::Rng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -20,9 +22,6 @@ use crate::{
 
 /// A Gaussian that is farther than what a view shows by more than this share of its depth is hidden from the view.
 const HIDDEN: f32 = 0.05;
-
-/// Number of depths at which the blending weights of a view are summed up; a multiple of three, the channels of a picture.
-const DEPTHS: usize = 15;
 
 /// An opacity that hides nothing.
 const FAINT: f32 = 1e-3;
@@ -45,10 +44,8 @@ pub(super) async fn contribution<R: Rasterizer<Scene3d>>(
     let mut largest = vec![0.0_f32; scene.len()];
     for view in views {
         let ones = Image::filled(view.camera.width, view.camera.height, [1.0; 3])?;
-        let pass = on.forward(&grey, &view.camera, &render).await?;
-        let gradients = on.image_vjp(&grey, pass, &ones).await?;
-        let sums = on.gradients(&grey, &gradients).await?.sh;
-        largest.iter_mut().zip(sums).for_each(|(most, sum)| *most = most.max(sum.x / SH_C0));
+        let sums = color_gradients((on, &grey), view, &render, &ones).await?;
+        largest.iter_mut().zip(sums).for_each(|(most, sum)| *most = most.max(sum.x));
     }
     if largest.iter().all(|sum| *sum == 0.0) {
         return Err(Error::NothingSeen { gaussians: scene.len(), views: views.len() });
@@ -57,7 +54,7 @@ pub(super) async fn contribution<R: Rasterizer<Scene3d>>(
 }
 
 /// How far each Gaussian hangs in front of what the views show of another scene, as a share of the depth there, `[N]`:
-/// the mean over the views that it is not hidden from; 0 without such views.
+/// the mean over the views that it is not hidden from, weighted by the pixels that it reaches; 0 without such views.
 pub(super) async fn in_front<R: Rasterizer<Scene3d>>(
     on: &R,
     scene: &Scene3d,
@@ -65,64 +62,29 @@ pub(super) async fn in_front<R: Rasterizer<Scene3d>>(
     views: &[PosedView],
     render: &RenderSettings,
 ) -> Result<Vec<f32>, Error> {
-    let mut sums = vec![(0.0, 0_u32); scene.len()];
+    let grey = on.upload(&plain(scene), Parameterization::ScaleRotation)?;
+    let shown = on.upload(shown, Parameterization::ScaleRotation)?;
+    let covered = render.of_alpha();
+    let inverse = covered.with(|s| s.output = Output::InverseDepth);
+    // Every pixel that a Gaussian reaches has the same weight, and none hides another.
+    let mut footprints = colorless(render);
+    footprints.accuracy.alpha_max = 1e-6;
+    footprints.effects.order = Order::Index;
+    let mut sums = vec![(0.0, 0.0); scene.len()];
     for view in views {
-        let camera = &view.camera;
-        let depths = median_depths(on, shown, camera, render).await?;
-        for (sum, mean) in sums.iter_mut().zip(&scene.means) {
-            let Some((at, z)) = camera.project(*mean) else { continue };
-            let (x, y) = (at.x.floor(), at.y.floor());
-            if !(x >= 0.0 && y >= 0.0 && x < camera.width as f32 && y < camera.height as f32) {
-                continue;
-            }
-            // Of a pixel that shows nothing, this is NaN.
-            let front = 1.0 - z / depths[y as usize * camera.width as usize + x as usize];
+        let (alpha, _) = on.draw(&shown, &view.camera, &covered).await?;
+        let (inverse, _) = on.draw(&shown, &view.camera, &inverse).await?;
+        let maps = alpha.pixels().iter().zip(inverse.pixels()).map(|(a, i)| [a[0], i[0], 0.0]).collect();
+        let maps = Image::from_pixels(alpha.width(), alpha.height(), maps)?;
+        let of_view = color_gradients((on, &grey), view, &footprints, &maps).await?;
+        for (index, (sum, Vec3 { x: alpha, y: inverse, .. })) in sums.iter_mut().zip(of_view).enumerate() {
+            let front = 1.0 - view.camera.to_camera(scene.means[index]).z * inverse / alpha;
             if front > -HIDDEN {
-                *sum = (sum.0 + front.max(0.0), sum.1 + 1);
+                *sum = (sum.0 + front.max(0.0) * alpha, sum.1 + alpha);
             }
         }
     }
-    Ok(sums.into_iter().map(|(front, views)| front / views.max(1) as f32).collect())
-}
-
-/// The depth, pixel by pixel, in front of which half of the blending weights lie, world units; NaN where the weights add
-/// up to less than a half. A mean would be that of no surface where something faint hangs in front of one.
-///
-/// It is interpolated between [`DEPTHS`] depths, between each two of which as many Gaussians lie.
-async fn median_depths<R: Rasterizer<Scene3d>>(
-    on: &R,
-    shown: &Scene3d,
-    camera: &Camera,
-    render: &RenderSettings,
-) -> Result<Vec<f32>, Error> {
-    let z: Vec<f32> = shown.means.iter().map(|mean| camera.to_camera(*mean).z).collect();
-    let mut ahead: Vec<f32> = z.iter().copied().filter(|z| *z >= camera.near).collect();
-    ahead.sort_by(f32::total_cmp);
-    let quantile =
-        |k: usize| ahead.get(k * ahead.len().saturating_sub(1) / (DEPTHS - 1)).copied().unwrap_or(camera.near);
-    let limits: Vec<f32> = (0..DEPTHS).map(quantile).collect();
-    let mut nearer: Vec<Vec<f32>> = Vec::new();
-    let mut colored = plain(shown);
-    let render = colorless(render);
-    for limits in limits.chunks(3) {
-        for (sh, z) in colored.sh.iter_mut().zip(&z) {
-            let color = [0, 1, 2].map(|k| if limits.get(k).is_some_and(|limit| z <= limit) { 1.0 } else { 0.0 });
-            *sh = (Vec3::from(color) - 0.5) / SH_C0;
-        }
-        let splats = on.upload(&colored, Parameterization::ScaleRotation)?;
-        let (image, _) = on.draw(&splats, camera, &render).await?;
-        nearer.extend((0..limits.len()).map(|k| image.pixels().iter().map(|pixel| pixel[k]).collect()));
-    }
-    let depth = |pixel: usize| {
-        // All Gaussians are nearer than the last limit.
-        let half = 0.5 * nearer[DEPTHS - 1][pixel];
-        let k = (0..DEPTHS).find(|&k| nearer[k][pixel] >= half)?;
-        let Some(before) = k.checked_sub(1) else { return Some(limits[0]) };
-        let share = (half - nearer[before][pixel]) / (nearer[k][pixel] - nearer[before][pixel]);
-        Some(limits[before] * (limits[k] / limits[before]).powf(share))
-    };
-    let pixels = 0..camera.width as usize * camera.height as usize;
-    Ok(pixels.map(|pixel| depth(pixel).filter(|_| nearer[DEPTHS - 1][pixel] >= 0.5).unwrap_or(f32::NAN)).collect())
+    Ok(sums.into_iter().map(|(front, weight)| if weight > 0.0 { front / weight } else { 0.0 }).collect())
 }
 
 /// By how much the squared error over all views is larger with each of the marked Gaussians than without it, `[N]`; 0 for
@@ -191,4 +153,18 @@ pub(super) async fn harm<R: Rasterizer<Scene3d>>(
 /// Settings under which colours are constants, and their gradients are sums of weights.
 fn colorless(render: &RenderSettings) -> RenderSettings {
     render.with(|s| (s.effects.sh_degree, s.effects.background) = (0, Background::None))
+}
+
+/// The sums of maps over the pixels with the weights of a grey scene's Gaussians, `[N, 3]`, in units of the largest
+/// possible weight of a pixel, if that is small.
+async fn color_gradients<R: Rasterizer<Scene3d>>(
+    (on, grey): (&R, &R::Splats),
+    view: &PosedView,
+    render: &RenderSettings,
+    maps: &Image,
+) -> Result<Vec<Vec3>, Error> {
+    let unit = if render.accuracy.alpha_max < 0.5 { render.accuracy.alpha_max } else { 1.0 };
+    let pass = on.forward(grey, &view.camera, render).await?;
+    let gradients = on.image_vjp(grey, pass, maps).await?;
+    Ok(on.gradients(grey, &gradients).await?.sh.into_iter().map(|sum| sum / (SH_C0 * unit)).collect())
 }

@@ -18,11 +18,11 @@ use crate::{
 const IN_FRONT: f32 = 0.1;
 
 /// Times that the depth is taken: first that of the fitted opacities, then without the Gaussians that do harm.
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 3;
 
 /// Steps that fit the opacities, for each view; and the fewest and the most of them.
-const STEPS_A_VIEW: usize = 3;
-const STEPS: (usize, usize) = (200, 600);
+const STEPS_A_VIEW: usize = 6;
+const STEPS: (usize, usize) = (600, 1200);
 
 /// Adam's step of a logit. A floater becomes transparent within 30 steps that show it.
 const LEARNING_RATE: f32 = 0.2;

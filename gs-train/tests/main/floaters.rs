@@ -11,14 +11,14 @@ use pollster::FutureExt as _;
 
 use crate::{
     fixture_3d::{rasterizer, render, thirty, views},
-    planted::plant,
+    planted::{Sizes, plant},
 };
 
 const PLANTED: usize = 8;
 
 fn planted(views: &Views) -> Scene3d {
     let mut scene = thirty();
-    plant(&rasterizer(), &mut scene, &views.train, &render(), PLANTED);
+    plant(&rasterizer(), &mut scene, &views.train, &render(), (PLANTED, Sizes::World));
     scene
 }
 

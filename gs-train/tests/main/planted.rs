@@ -7,6 +7,16 @@ use gs_train::train::PosedView;
 use pollster::FutureExt as _;
 use rand::{RngExt as _, SeedableRng as _};
 
+/// How large planted Gaussians are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Sizes {
+    /// As large as one of the scene.
+    World,
+    /// As large in the picture as one of the scene that the view shows.
+    #[allow(dead_code, reason = "only the example plants both")]
+    Picture,
+}
+
 /// Adds Gaussians to a scene between the cameras of views and the surface that they show: at 0.15 to 0.85 of
 /// the depth at random pixels, with the shape, the colours and the opacity of three random Gaussians.
 pub(crate) fn plant<R: Rasterizer<Scene3d>>(
@@ -14,7 +24,7 @@ pub(crate) fn plant<R: Rasterizer<Scene3d>>(
     scene: &mut Scene3d,
     views: &[PosedView],
     render: &RenderSettings,
-    count: usize,
+    (count, sizes): (usize, Sizes),
 ) {
     let covered = render.of_alpha();
     let inverse = covered.with(|s| s.output = Output::InverseDepth);
@@ -35,7 +45,11 @@ pub(crate) fn plant<R: Rasterizer<Scene3d>>(
         let depth = share * alpha / inverse;
         let pixel = glam::Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
         let place = ((pixel - camera.center) / camera.focal * depth).extend(depth);
-        let [shape, color, opacity] = donors.map(|donor| scene.gaussian(donor));
+        let [mut shape, color, opacity] = donors.map(|donor| scene.gaussian(donor));
+        if sizes == Sizes::Picture {
+            let Some((_, donor_depth)) = camera.project(shape.mean) else { continue };
+            shape.log_scale += (depth / donor_depth).ln();
+        }
         let mean: Vec3 = camera.rotation.transpose() * (place - camera.translation);
         scene.push(gs_core::Gaussian3d { mean, sh: color.sh, opacity_logit: opacity.opacity_logit, ..shape });
     }
