@@ -44,7 +44,12 @@ pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
-    let needed = lod.map(|lod| lod.read(&cameras)).transpose()?;
+    let faces = |camera: &Camera| match args.cameras.panorama {
+        true => panorama::cameras(camera, camera.width).to_vec(),
+        false => vec![*camera],
+    };
+    let drawn: Vec<Camera> = cameras.iter().flat_map(faces).collect();
+    let needed = lod.map(|lod| lod.read(&drawn)).transpose()?;
     let file = needed.as_ref().unwrap_or(file);
     let scene = &file.scene;
     let is_transparent = args.render.background == Some(Behind::None);
@@ -62,11 +67,6 @@ pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result
     // The faces of a panorama have about three times its pixels.
     let height = if args.cameras.panorama { height.saturating_mul(4) } else { height };
     memory::check_picture(args.scene.display(), (width, height))?;
-    let faces = |camera: &Camera| match args.cameras.panorama {
-        true => panorama::cameras(camera, camera.width).to_vec(),
-        false => vec![*camera],
-    };
-    let drawn: Vec<Camera> = cameras.iter().flat_map(faces).collect();
     let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
     let backend = args.backend(frontier.as_ref()).open()?;
     let render = file.render_settings(dataset.as_ref());
