@@ -63,7 +63,7 @@ use crate::{
     error::Error,
 };
 
-/// Size of a PLY that is read in parts, bytes.
+/// Size of a file that is read part by part, bytes.
 const LARGE_BYTES: u64 = 64 << 20;
 
 /// Bytes that are enough to recognise a file.
@@ -148,7 +148,10 @@ pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
 /// file; those of [`decode_3d`]; [`Error::Content`] for other values that are NaN or infinite.
 pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
-    checked(read_3d_unchecked(path)?, path)
+    match parts::joined(path, LARGE_BYTES)? {
+        Some(file) => Ok(file),
+        None => checked(read_3d_unchecked(path)?, path),
+    }
 }
 
 /// The file with zero scales raised and infinite logits made finite, if all other values are finite.
@@ -171,10 +174,7 @@ fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
 /// Reads a 3D scene as [`read_3d`] does, but allows values that are NaN or infinite, including
 /// ln-scales of −∞.
 pub(crate) fn read_3d_unchecked(path: &Path) -> Result<File3d, Error> {
-    match ply::read_in_parts(path, LARGE_BYTES)? {
-        Some(file) => Ok(file),
-        None => decode_recognised(&read_file(path, WANTED)?, path),
-    }
+    decode_recognised(&read_file(path, WANTED)?, path)
 }
 
 /// Decodes the bytes of a file of any format; see [`decode_3d`].

@@ -34,6 +34,7 @@ pub struct Parts3d {
     /// The file up to the number of vertices, and from there to the rows.
     header: [Vec<u8>; 2],
     row_bytes: u64,
+    bytes: u64,
     /// Gaussians in the file, and those that were read.
     all: u64,
     read: u64,
@@ -69,7 +70,7 @@ impl Parts3d {
             return Ok(None);
         }
         io::Seek::seek(&mut file, io::SeekFrom::Start(header_bytes)).map_err(failed)?;
-        Ok(Some(Self { path: path.to_owned(), format, file, header, row_bytes, all, read: 0 }))
+        Ok(Some(Self { path: path.to_owned(), format, file, header, row_bytes, bytes: metadata.len(), all, read: 0 }))
     }
 
     /// Number of Gaussians in the file.
@@ -106,6 +107,25 @@ impl Iterator for Parts3d {
             part
         })
     }
+}
+
+/// The scene of a file of at least `least` bytes, which is not in memory beside it; `None` for other files, for
+/// those that must be read as a whole, and for damaged ones, of which the reader of whole files says what is wrong.
+pub(super) fn joined(path: &Path, least: u64) -> Result<Option<File3d>, Error> {
+    let Some(parts) = Parts3d::open(path)?.filter(|parts| parts.bytes >= least) else { return Ok(None) };
+    let bytes = parts.bytes;
+    let mut whole: Option<File3d> = None;
+    for part in parts {
+        let Ok(part) = part else { return Ok(None) };
+        match &mut whole {
+            None => whole = Some(File3d { bytes, ..part }),
+            Some(whole) => {
+                whole.scene.append(part.scene);
+                ConversionLoss::merge(&mut whole.losses, part.losses);
+            }
+        }
+    }
+    Ok(whole)
 }
 
 /// The header of a file with this number of Gaussians.
@@ -222,7 +242,10 @@ mod tests {
             assert_eq!(parts.iter().map(|part| part.scene.len()).collect::<Vec<_>>(), [PART as usize, 5000]);
             let mut joined = Scene3d { sh_degree: parts[0].scene.sh_degree, ..Scene3d::default() };
             parts.into_iter().for_each(|part| joined.append(part.scene));
-            assert_eq!(joined, read_3d(&whole).unwrap().scene);
+            let file = read_3d(&whole).unwrap();
+            assert_eq!(joined, file.scene);
+            assert_eq!(super::joined(&whole, 0).unwrap(), Some(file));
+            assert_eq!(super::joined(&whole, u64::MAX).unwrap(), None, "small files are read at once");
             // The parts of the scene itself, so that the losses are the same.
             let part = |numbers: std::ops::Range<usize>| Ok(numbers.map(|index| scene.gaussian(index)).collect());
             let halves = [part(0..100), part(100..scene.len())];
@@ -245,6 +268,7 @@ mod tests {
         std::fs::write(&path, &broken).unwrap();
         let error = Parts3d::open(&path).unwrap().unwrap().find_map(Result::err).unwrap();
         assert_eq!(error.to_string(), read_3d(&path).unwrap_err().to_string());
+        assert_eq!(joined(&path, 0).unwrap(), None);
         // What is cut off, in text or of another format is for the reader of whole files.
         std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
         assert!(Parts3d::open(&path).unwrap().is_none());

@@ -11,7 +11,7 @@ mod header;
 mod rows;
 
 use std::{
-    io::{self, Seek, Write},
+    io::{self, Write},
     path::Path,
 };
 
@@ -26,23 +26,13 @@ use super::{
     source::Source,
     values::{MAX_DEGREE, degree_of_rest, finite_logit, rest_of_degree},
 };
-use crate::{
-    WorldFrame,
-    atomic::{open, read_exactly},
-    error::Error,
-};
+use crate::{WorldFrame, error::Error};
 
 /// The properties that every Gaussian must have, in the order in which [`read`] takes them.
 const REQUIRED: [&str; 14] = [
     "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1",
     "f_dc_2",
 ];
-
-/// Bytes in which the header of a large file must end.
-const MOST_HEADER: u64 = 1 << 16;
-
-/// Bytes of a large file that are in memory at once.
-const PART_BYTES: u64 = 1 << 24;
 
 /// The start of the comment with the size of the picture that the scene shows.
 const PICTURE: &str = "gs picture ";
@@ -56,53 +46,6 @@ pub(crate) fn read(source: &Source<'_>, _: Format3d) -> Result<File3d, Error> {
     if header.find("chunk").is_some() && header.elements[vertex].find("packed_position").is_some() {
         return compressed::read(source, &header);
     }
-    of_vertices(source, &header, vertex, |wanted, row| read_rows(source, &header, vertex, wanted, row))
-}
-
-/// Reads a large file without having all of it in memory; `None` for one that needs [`read`]: of less than
-/// `least` bytes, in text, with other elements or lists, compressed, or damaged.
-pub(super) fn read_in_parts(path: &Path, least: u64) -> Result<Option<File3d>, Error> {
-    let (mut file, metadata) = open(path, "a scene file")?;
-    if metadata.len() < least {
-        return Ok(None);
-    }
-    let failed = |error| Error::read(path, error);
-    let start = read_exactly(&mut file, metadata.len().min(MOST_HEADER)).map_err(failed)?;
-    let source = Source { path, what: "a PLY of Gaussians", bytes: &start };
-    let Ok(mut header) = Header::parse(&source) else { return Ok(None) };
-    let stride = match &header.elements[..] {
-        [element] if element.name == "vertex" => rows::stride(&header, element).filter(|&stride| stride > 0),
-        _ => None,
-    };
-    let Some(stride) = stride.map(|stride| stride as u64) else { return Ok(None) };
-    let (count, first) = (header.elements[0].count, header.data_start as u64);
-    if count == 0 || count.saturating_mul(stride).saturating_add(first) > metadata.len() {
-        return Ok(None);
-    }
-    file.seek(io::SeekFrom::Start(first)).map_err(failed)?;
-    let whole = Header::parse(&source)?;
-    let scene = of_vertices(&source, &whole, 0, |wanted, row| {
-        let mut left = count;
-        while left > 0 {
-            let rows = left.min((PART_BYTES / stride).max(1));
-            let bytes = read_exactly(&mut file, rows * stride).map_err(failed)?;
-            header.elements[0].count = rows;
-            let part = Source { bytes: &bytes, ..source };
-            rows::read(&part, &header, &header.elements[0], 0, wanted, &mut *row)?;
-            left -= rows;
-        }
-        Ok(())
-    })?;
-    Ok(Some(File3d { bytes: metadata.len(), ..scene }))
-}
-
-/// The scene of the rows of an element, of which `rows` reads the wanted columns.
-fn of_vertices(
-    source: &Source<'_>,
-    header: &Header,
-    vertex: usize,
-    rows: impl FnOnce(&[usize], &mut dyn FnMut(&[f64])) -> Result<(), Error>,
-) -> Result<File3d, Error> {
     let element = &header.elements[vertex];
     let columns = columns(source, element, &REQUIRED)?;
     let rest = rest_columns(source, element)?;
@@ -112,7 +55,7 @@ fn of_vertices(
     let mut scene = Scene3d { sh_degree: degree, ..Scene3d::default() };
     let (kept, per_channel) = (scene.sh_len() - 1, rest.len() / 3);
     let mut means = Vec::new();
-    rows(&wanted, &mut |row| {
+    read_rows(source, &header, vertex, &wanted, |row| {
         let value = |k: usize| row[k] as f32;
         means.push(DVec3::new(row[0], row[1], row[2]));
         scene.log_scales.push([value(3), value(4), value(5)].into());
@@ -329,38 +272,4 @@ pub(crate) fn write_rows(scene: &Scene3d, world: Option<WorldFrame>, file: &mut 
         file.write_all(&row)?;
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use gs_core::Gaussian3d;
-
-    #[test]
-    fn large_files_are_read_in_parts_as_small_ones_at_once() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.ply");
-        let gaussian = |i: u16| Gaussian3d {
-            mean: [f32::from(i), 0.5, -f32::from(i)].into(),
-            log_scale: [-1.0, 0.1 * f32::from(i), 0.0].into(),
-            rotation: [1.0, 0.0, 0.25, 0.0],
-            opacity_logit: 0.01 * f32::from(i),
-            sh: (0..16).map(|k| [f32::from(i), k as f32, 0.5].into()).collect(),
-        };
-        // More rows than a part has.
-        let scene: Scene3d = (0..30_000).map(|i| gaussian(i % 30_011)).cycle().take(70_000).collect();
-        crate::write_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        assert!(bytes.len() as u64 > PART_BYTES);
-        let whole = read(&Source { path: &path, what: "a PLY", bytes: &bytes }, Format3d::Ply).unwrap();
-        let parts = read_in_parts(&path, 0).unwrap().unwrap();
-        assert_eq!((parts.bytes, &parts.scene), (bytes.len() as u64, &scene));
-        assert_eq!(parts, File3d { bytes: parts.bytes, ..whole });
-        // Others are left to the usual reader.
-        assert_eq!(read_in_parts(&path, u64::MAX).unwrap(), None);
-        std::fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
-        assert_eq!(read_in_parts(&path, 0).unwrap(), None);
-        std::fs::write(&path, b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n").unwrap();
-        assert_eq!(read_in_parts(&path, 0).unwrap(), None);
-    }
 }

@@ -47,12 +47,6 @@ pub(crate) fn read(
     }
 }
 
-/// Size of a row, bytes; `None` where that depends on the row.
-pub(super) fn stride(header: &Header, element: &Element) -> Option<usize> {
-    let has_lists = element.properties.iter().any(|property| matches!(property.value, Value::List(..)));
-    (header.encoding != Encoding::Ascii && !has_lists).then(|| element.properties.iter().map(least_bytes).sum())
-}
-
 /// Smallest size of a property in a binary row, bytes.
 fn least_bytes(property: &super::header::Property) -> usize {
     match property.value {
