@@ -114,9 +114,9 @@ pub(crate) enum Command {
     /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF, or a 2D scene to a flat PLY
     Convert(Box<ConvertArgs>),
     /// Move, turn, scale, crop, filter or join 3D scenes
-    Edit(EditArgs),
+    Edit(Box<EditArgs>),
     /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
-    Info(InfoArgs),
+    Info(Box<InfoArgs>),
     /// Find broken Gaussians in a scene, and repair them
     Doctor(DoctorArgs),
     /// Measure the time of a training step, stage by stage
