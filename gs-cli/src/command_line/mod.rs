@@ -113,7 +113,7 @@ pub(crate) enum Command {
     Eval(Box<EvalArgs>),
     /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF, or a 2D scene to a flat PLY
     Convert(Box<ConvertArgs>),
-    /// Move, turn, scale, crop, filter or join 3D scenes
+    /// Move, turn, scale, crop, filter or join 3D scenes, or remove floaters
     Edit(Box<EditArgs>),
     /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
     Info(Box<InfoArgs>),
