@@ -222,7 +222,7 @@ mod tests {
             mean: Vec3::new(i as f32, 0.5, -1.0),
             log_scale: Vec3::splat(-3.0),
             rotation: [1.0, 0.0, 0.0, 0.0],
-            opacity_logit: if i % 1000 == 0 { f32::INFINITY } else { 0.25 },
+            opacity_logit: if i.is_multiple_of(1000) { f32::INFINITY } else { 0.25 },
             sh: vec![Vec3::splat(0.1); 4],
         };
         (0..PART as u32 + 5000).map(gaussian).collect()
