@@ -140,6 +140,9 @@ pub(crate) fn run(args: &EditArgs) -> Result<(), Failure> {
         let failure = Failure::usage("it needs views that show the scene").at(&operation.text);
         return Err(failure.hint("name their data set with --views"));
     }
+    if args.preview.is_some() && !args.operations.iter().any(|o| matches!(o.edit, Edit::Floaters(_))) {
+        return Err(Failure::usage("--preview shows what floaters removes").hint("add the operation floaters"));
+    }
     let others = args.operations.iter().filter_map(|operation| match &operation.edit {
         Edit::Add(path) => Some(scene::file_of(path)),
         _ => None,
@@ -147,7 +150,8 @@ pub(crate) fn run(args: &EditArgs) -> Result<(), Failure> {
     let scene = scene::file_of(&args.scene);
     let inputs: Vec<PathBuf> = others.chain([scene.clone()]).collect();
     output_folder::check_file(&args.to, &inputs)?;
-    let is_local = args.operations.iter().all(|operation| operation.edit.is_local()) && writes_parts_3d(&args.to);
+    let is_local = args.operations.iter().all(|operation| operation.edit.is_local());
+    let is_local = is_local && args.views.is_none() && writes_parts_3d(&args.to);
     let report = match is_local.then(|| Parts3d::open(&scene)).transpose()?.flatten() {
         Some(parts) => in_parts(args, parts)?,
         None => as_a_whole(args, inputs)?,

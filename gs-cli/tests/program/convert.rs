@@ -284,9 +284,9 @@ fn a_streamed_sog_has_levels_of_detail() {
         gs(["render", text(scene), "-o", text(&picture), "--size", "60x40"].iter().chain(flags))
     };
     let run = render(&path("city"), &["--max-gaussians", "6"]).done();
-    assert!(run.stderr.contains("drawing 5 Gaussians for 10, an error of up to "), "{run:?}");
+    assert!(run.stderr.contains("drawing 5 Gaussians in place of 10, with an error of up to "), "{run:?}");
     let run = render(&city, &["--max-gaussians", "1000", "--orbit", "1"]).done();
-    assert!(run.stderr.contains(" Gaussians for 10"), "{run:?}");
+    assert!(run.stderr.contains(" Gaussians in place of 10"), "{run:?}");
     assert_eq!(render(&city, &["--max-gaussians", "0"]).status, Some(2));
     let run = render(&first, &["--max-gaussians", "6"]);
     assert!(run.status == Some(2) && run.refusal().contains("is for streamed SOG"), "{run:?}");

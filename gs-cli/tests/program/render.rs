@@ -63,6 +63,36 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
 }
 
 #[test]
+fn plans_panoramas_and_depths_show_the_scene() {
+    let place = folder();
+    let (dataset, scene) = dataset_and_scene(place.path());
+    let picture = place.path().join("picture.png");
+    let view = format!("{}:3", text(&dataset));
+    let render = |flags: &[&str]| {
+        let command = ["render", text(&scene), "-o", text(&picture), "--overwrite"];
+        gs(command.iter().chain(flags)).done();
+        gs_io::read_image(&picture).unwrap().image
+    };
+    let shown = |image: &gs_core::Image| image.pixels().iter().filter(|p| p.iter().any(|c| *c > 0.02)).count();
+
+    let plan = render(&["--ortho", "20", "--size", "64x48"]);
+    let closer = render(&["--ortho", "40", "--size", "64x48"]);
+    assert_eq!((plan.size(), closer.size()), ((64, 48), (64, 48)));
+    assert!(shown(&plan) > 0 && shown(&closer) > shown(&plan), "{} and {}", shown(&plan), shown(&closer));
+
+    let all = render(&["--panorama", "--camera", &view, "--size", "200x100"]);
+    assert!(all.size() == (200, 100) && shown(&all) > 0);
+
+    let [fine, coarse] = ["--depth", "--depth=0.1"].map(|flag| render(&[flag, "--camera", &view]));
+    let steps = |image: &gs_core::Image| image.pixels().iter().map(|p| (p[0] * 65535.0).round()).collect::<Vec<f32>>();
+    let (fine, coarse) = (steps(&fine), steps(&coarse));
+    assert!(fine.iter().any(|steps| *steps > 0.0));
+    assert!(fine.iter().zip(&coarse).all(|(fine, coarse)| (fine / 100.0 - coarse).abs() <= 0.51));
+    let refused = gs(["render", text(&scene), "-o", text(&picture), "--ortho", "20", "--depth"]);
+    assert_eq!(refused.status, Some(2));
+}
+
+#[test]
 fn an_object_without_surroundings_is_shown_before_white() {
     let place = folder();
     let (dataset, scene) = dataset_and_scene(place.path());

@@ -2,7 +2,7 @@
 
 use std::{cmp::Reverse, collections::BinaryHeap};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use crate::{error::Error, view::Camera};
 
@@ -176,7 +176,14 @@ fn px_per_world(camera: &Camera, bounds: &Bounds) -> f32 {
         return 0.0;
     }
     let depth = corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
-    camera.focal.max_element() / depth.max(camera.near)
+    let depth = if depth.is_finite() { depth.max(camera.near) } else { camera.near };
+    // A displacement across the ray moves by more than f / z at the border of the picture.
+    let border = camera.center.abs().max((Vec2::from(size) - camera.center).abs()) / camera.focal;
+    let slope = |corner: &Vec3| {
+        if corner.z > camera.near { (corner.truncate() / corner.z).abs().min(border) } else { border }
+    };
+    let steepest = corners.iter().map(|corner| slope(corner).length_squared()).fold(0.0, f32::max);
+    camera.focal.max_element() / depth * (1.0 + steepest).sqrt()
 }
 
 #[cfg(test)]
@@ -270,7 +277,7 @@ mod tests {
             LodLevel { gaussians: 10, error: 0.1 },
         ];
         let at = |z: f32| {
-            let bounds = Bounds { min: Vec3::new(-1.0, -1.0, z), max: Vec3::new(1.0, 1.0, z + 1.0) };
+            let bounds = Bounds { min: Vec3::new(0.0, 0.0, z), max: Vec3::new(0.0, 0.0, z + 1.0) };
             LodNode::Leaf { bounds, levels: levels.clone() }
         };
         let children = vec![at(-9.0), at(1.0), at(20.0), at(900.0)];

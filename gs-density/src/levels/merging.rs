@@ -66,7 +66,7 @@ impl Merging {
     pub(super) fn of(scene: &Scene3d) -> Self {
         let node = |i: usize| {
             let gaussian = scene.gaussian(i);
-            let covariance = gaussian.covariance().map(|c| c.as_dmat3());
+            let covariance = gaussian.covariance().map(|c| c.as_dmat3()).filter(DMat3::is_finite);
             Node {
                 mean: gaussian.mean.as_dvec3(),
                 weight: if covariance.is_some() { weight(&gaussian) } else { LEAST_WEIGHT },

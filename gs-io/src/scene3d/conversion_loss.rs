@@ -88,7 +88,8 @@ impl ConversionLoss {
     pub fn merge(all: &mut Vec<Self>, more: impl IntoIterator<Item = Self>) {
         for loss in more {
             let same = |known: &&mut Self| match (known, &loss) {
-                (Self::Clamped { what, .. }, Self::Clamped { what: other, .. }) => *what == *other,
+                (Self::Rounded { what, .. }, Self::Rounded { what: other, .. })
+                | (Self::Clamped { what, .. }, Self::Clamped { what: other, .. }) => *what == *other,
                 (Self::ZeroScales { .. }, Self::ZeroScales { .. }) => true,
                 (Self::InfiniteLogits { .. }, Self::InfiniteLogits { .. }) => true,
                 (known, other) => **known == *other,
@@ -108,23 +109,6 @@ impl ConversionLoss {
     /// What lowering an SH degree drops.
     pub(super) fn of_degree(from: u8, to: u8) -> Option<Self> {
         (to < from).then_some(Self::Sh { from, to })
-    }
-
-    /// Adds the losses of another part of a scene to those of its parts so far.
-    #[cfg(feature = "write")]
-    pub(super) fn join(all: &mut Vec<Self>, more: Vec<Self>) {
-        for loss in more {
-            let same = all.iter_mut().find(|known| match (&**known, &loss) {
-                (Self::Rounded { what, .. }, Self::Rounded { what: other, .. })
-                | (Self::Clamped { what, .. }, Self::Clamped { what: other, .. }) => what == other,
-                (known, loss) => known == loss,
-            });
-            match (same, loss) {
-                (Some(Self::Clamped { values, .. }), Self::Clamped { values: more, .. }) => *values += more,
-                (Some(_), _) => {}
-                (None, loss) => all.push(loss),
-            }
-        }
     }
 
     /// What finite logits in place of infinite ones change.

@@ -221,7 +221,8 @@ pub struct Written3d {
 /// Writes a scene, atomically, in the format of the file's extension: `.ply`, `.splat`, `.spz`,
 /// `.gltf`, `.glb` or `.sog`; or as a SOG in a folder for the name `meta.json`, which is written
 /// after the images; or with levels of detail as a streamed SOG for the name `lod-meta.json`, whose
-/// folder, which need not exist, gets all of its files or none. Infinite opacity logits are written as finite ones with the same picture.
+/// folder, which need not exist, gets its `lod-meta.json` last. Infinite opacity logits are written as
+/// finite ones with the same picture.
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails,

@@ -144,10 +144,7 @@ pub fn writes_parts_3d(path: impl AsRef<Path>) -> bool {
 ///
 /// # Errors
 /// Those of [`write_3d`](super::write_3d) and of the parts. [`Error::UnknownEnding`] where
-/// [`writes_parts_3d`] is false.
-///
-/// # Panics
-/// Where the parts have another number of Gaussians.
+/// [`writes_parts_3d`] is false; [`Error::Write`] where the parts have another number of Gaussians.
 pub fn write_parts_3d<E: From<Error>>(
     path: impl AsRef<Path>,
     gaussians: usize,
@@ -161,17 +158,23 @@ pub fn write_parts_3d<E: From<Error>>(
         return Err(Error::empty(path).into());
     }
     let (mut losses, mut failure, mut written) = (Vec::new(), None, 0);
+    // For the header, which stands before the first part even if that is empty.
+    let mut all = Some(gaussians);
     let result = write_durably(path, |file| {
         for part in parts {
             let put = part.and_then(|part| {
-                let first = written == 0;
                 written += part.len();
-                put(path, format, &part, options, first.then_some(gaussians), &mut losses, file).map_err(E::from)
+                put(path, format, &part, options, all.take(), &mut losses, file).map_err(E::from)
             });
             if let Err(error) = put {
                 failure = Some(error);
                 return Err(io::ErrorKind::Other.into());
             }
+        }
+        if written != gaussians {
+            let message =
+                format!("the parts have {written} Gaussians instead of {gaussians}; has their scene changed?");
+            return Err(io::Error::other(message));
         }
         Ok(())
     });
@@ -179,7 +182,6 @@ pub fn write_parts_3d<E: From<Error>>(
         return Err(error);
     }
     result?;
-    assert_eq!(written, gaussians, "the parts must be those that were announced");
     Ok(Written3d { format, losses, beside: Vec::new(), order: None })
 }
 
@@ -252,6 +254,27 @@ mod tests {
             let found = write_parts_3d::<Error>(&again, scene.len(), &options, halves).unwrap();
             assert_eq!((found.format, found.losses), (written.format, written.losses));
             assert_eq!(std::fs::read(&again).unwrap(), std::fs::read(&whole).unwrap());
+        }
+    }
+
+    #[test]
+    fn parts_may_be_empty_but_have_the_announced_number_of_gaussians() {
+        let folder = tempfile::tempdir().unwrap();
+        let few: Scene3d = (0..7).map(|index| scene().gaussian(index)).collect();
+        for name in ["scene.ply", "scene.splat"] {
+            let path = folder.path().join(name);
+            let write = |gaussians| {
+                let nothing = Scene3d { sh_degree: few.sh_degree, ..Scene3d::default() };
+                let parts = [Ok(nothing.clone()), Ok(few.clone()), Ok(nothing)];
+                write_parts_3d::<Error>(&path, gaussians, &WriteOptions3d::default(), parts)
+            };
+            write(7).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            write_3d(&path, &few, &WriteOptions3d::default()).unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), bytes);
+            let error = write(8).unwrap_err().to_string();
+            assert!(error.contains("7 Gaussians instead of 8"), "{error}");
+            assert_eq!(std::fs::read(&path).unwrap(), bytes, "the older file stays");
         }
     }
 

@@ -179,7 +179,7 @@ fn damaged_trees_are_refused() {
     refused(&path, |m| m["tree"]["children"][0]["lods"] = Value::Null, "either `children` or `lods`");
     refused(&path, |m| m["tree"]["bound"]["max"][0] = json!(1.0), "expected bounds inside those of the node above");
     refused(&path, |m| m["tree"]["bound"]["min"][2] = Value::Null, "expected finite bounds of nodes");
-    refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(1e300), "expected finite bounds of nodes");
+    refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(1e300), "is damaged");
     refused(&path, |m| m["tree"]["bound"]["min"][2] = json!(100.0), "min up to max");
     refused(
         &path,

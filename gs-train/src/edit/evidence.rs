@@ -26,7 +26,8 @@ const HIDDEN: f32 = 0.05;
 /// An opacity that hides nothing.
 const FAINT: f32 = 1e-3;
 
-/// Random images for each view. The sum over all views has an error of √(2 / (2 · views)) of it.
+/// Random images for each view. The estimate of a Gaussian's harm over all views has a relative standard deviation of
+/// about 1 / √views.
 const PROBES: usize = 2;
 
 /// The sum of each Gaussian's blending weights in the view where it is largest, px, `[N]`.

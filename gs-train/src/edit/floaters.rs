@@ -17,7 +17,8 @@ use crate::{
 /// A Gaussian hangs in front if it is nearer to the cameras than what they show by more than this share of the depth.
 const IN_FRONT: f32 = 0.1;
 
-/// Times that the depth is taken: first that of the fitted opacities, then without the Gaussians that do harm.
+/// Number of rounds. The first takes the depth from the fitted opacities; later ones leave out the Gaussians that
+/// were found to do harm.
 const ROUNDS: usize = 3;
 
 /// Steps that fit the opacities, for each view; and the fewest and the most of them.
@@ -26,6 +27,9 @@ const STEPS: (usize, usize) = (600, 1200);
 
 /// Adam's step of a logit. A floater becomes transparent within 30 steps that show it.
 const LEARNING_RATE: f32 = 0.2;
+
+/// Largest logit with which the evidence is gathered: gradients by a larger one vanish in 32 bits.
+const MOST_LOGIT: f32 = 8.0;
 
 /// Sets of Gaussians that are tried to meet the limit of the loss.
 const TRIALS: usize = 8;
@@ -53,8 +57,8 @@ impl fmt::Display for Floaters {
         let Self { keep, harmful, needless, needed, psnr: [before, after], held_out } = self;
         write!(
             f,
-            "removed {} of {} in front of what the training views show: {harmful} that make them worse, {needless} that they do \
-             not need; kept {needed} that they need; PSNR over the training views {before:.2} dB before, {after:.2} dB after",
+            "removed {} of {} in front of what the training views show (worse with them: {harmful}, no better: {needless}); \
+             kept as needed: {needed}; PSNR over the training views {before:.2} dB before, {after:.2} dB after",
             counted(harmful + needless, "Gaussian"),
             keep.len(),
         )?;
@@ -72,7 +76,8 @@ impl Floaters {
     ///    long as the PSNR stays within `most_loss` dB of the better of two: before, and without those that do harm.
     ///
     /// # Errors
-    /// [`Error::NothingSeen`] where the views show nothing of the scene; those of the backend and of reading images.
+    /// [`Error::NothingSeen`] where the views show nothing of the scene; [`gs_core::Error::Setting`] for a `most_loss`
+    /// below 0; those of the backend and of reading images.
     pub async fn find<R: Optimizer<Scene3d>>(
         on: &R,
         scene: &Scene3d,
@@ -80,17 +85,22 @@ impl Floaters {
         render: &RenderSettings,
         most_loss: f64,
     ) -> Result<Self, Error> {
+        if !(most_loss >= 0.0) {
+            return Err(gs_core::Error::setting("the loss of floaters", most_loss, "at least 0 dB").into());
+        }
         views.validate()?;
         let train = &views.train;
+        let mut soft = scene.clone();
+        soft.opacity_logits.iter_mut().for_each(|logit| *logit = logit.min(MOST_LOGIT));
         contribution(on, scene, train, render).await?;
-        let mut shown = fitted(on, scene, train, render).await?;
+        let mut shown = fitted(on, &soft, train, render).await?;
         let (mut front, mut damage) = (vec![false; scene.len()], Vec::new());
         for _ in 0..ROUNDS {
-            let share = in_front(on, scene, &shown, train, render).await?;
+            let share = in_front(on, &soft, &shown, train, render).await?;
             front.iter_mut().zip(share).for_each(|(front, share)| *front |= share > IN_FRONT);
-            damage = harm(on, scene, &shown, &front, train, render).await?;
+            damage = harm(on, &soft, &shown, &front, train, render).await?;
             // What the views need is part of what they show.
-            shown = scene.clone();
+            shown = soft.clone();
             for index in (0..scene.len()).filter(|&index| damage[index] > 0.0) {
                 shown.opacity_logits[index] = f32::NEG_INFINITY;
             }
@@ -124,7 +134,7 @@ async fn within(
     [likely, most]: [usize; 2],
     psnr_at: impl AsyncFn(usize) -> Result<f64, Error>,
 ) -> Result<(usize, f64), Error> {
-    let at_likely = psnr_at(likely).await?;
+    let at_likely = if likely == 0 { before } else { psnr_at(likely).await? };
     let least = before.max(at_likely) - loss;
     let (mut low, mut high) = if at_likely >= least { ((likely, at_likely), most) } else { ((0, before), likely - 1) };
     let mut count = high;

@@ -73,6 +73,10 @@ impl<'a, R: Optimizer<Scene3d>> ViewEditor<'a, R> {
 
     /// Draws some of the views with the floaters in the signal colour.
     async fn mark(&mut self, scene: &Scene3d, found: &Floaters) -> Result<(), Error> {
+        let pictures = self.pictures.min(self.views.train.len());
+        if pictures == 0 {
+            return Ok(());
+        }
         let mut marked = scene.clone();
         let (len, color) = (scene.sh_len(), (MARK - 0.5) / SH_C0);
         for index in (0..scene.len()).filter(|&index| !found.keep[index]) {
@@ -80,8 +84,8 @@ impl<'a, R: Optimizer<Scene3d>> ViewEditor<'a, R> {
             marked.sh[index * len] = color;
         }
         let splats = self.on.upload(&marked, Parameterization::ScaleRotation)?;
-        let stride = self.views.train.len().div_ceil(self.pictures.max(1));
-        for view in self.views.train.iter().step_by(stride).take(self.pictures) {
+        for picture in 0..pictures {
+            let view = &self.views.train[picture * self.views.train.len() / pictures];
             let (image, _) = self.on.draw(&splats, &view.camera, &self.render).await?;
             let number = self.marked.len();
             self.marked.push((format!("floaters-{number}"), image.clamped()));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{Camera, LodCut};
+use gs_core::{Camera, LodCut, Scene as _};
 use gs_io::{File3d, StreamedSog, format_3d};
 
 use crate::{failure::Failure, files::scene, terminal::output};
@@ -35,13 +35,16 @@ impl Lod {
 
     /// The levels that these cameras need.
     pub(super) fn read(&self, cameras: &[Camera]) -> Result<File3d, Failure> {
-        let LodCut { levels, gaussians, error_px, .. } = self.cut(cameras)?;
-        let all = self.file.counts().first().copied().unwrap_or(0);
-        output::note(format_args!("drawing {gaussians} Gaussians for {all}, an error of up to {error_px:.2} px"));
-        if gaussians > self.budget {
-            output::note("note: the coarsest levels have more Gaussians than --max-gaussians");
+        let LodCut { levels, error_px, .. } = self.cut(cameras)?;
+        let file = self.file.read(&levels).map_err(Failure::of_scene)?;
+        let (drawn, all) = (file.scene.len(), self.file.counts().first().copied().unwrap_or(0));
+        output::note(format_args!(
+            "drawing {drawn} Gaussians in place of {all}, with an error of up to {error_px:.2} px"
+        ));
+        if drawn > self.budget {
+            output::note("note: the coarsest levels and the surroundings have more Gaussians than --max-gaussians");
         }
-        self.file.read(&levels).map_err(Failure::of_scene)
+        Ok(file)
     }
 
     fn cut(&self, cameras: &[Camera]) -> Result<LodCut, Failure> {

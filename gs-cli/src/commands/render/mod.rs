@@ -67,9 +67,9 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     overwrite: OverwriteArgs,
     /// Write depths along the optical axis instead of colours: grey PNGs of 16 bits in steps of this part of the
-    /// scene's unit; 0 where less than half of a pixel is covered
+    /// scene's unit; 0 where less than half of a pixel is covered, and beyond 65,535 steps
     #[arg(long, value_name = "STEP", num_args = 0..=1, require_equals = true, default_missing_value = "0.001",
-          value_parser = above_0, conflicts_with_all = ["panorama", "region", "background"])]
+          value_parser = above_0, conflicts_with_all = ["panorama", "ortho", "region", "background"])]
     depth: Option<f32>,
     /// Also print the effects that are simulated, and why
     #[arg(short, long)]
@@ -139,7 +139,7 @@ struct CameraArgs {
     /// From straight above without perspective, at this many pixels a unit of the scene
     #[arg(long, value_name = "PX", value_parser = above_0, conflicts_with_all = ["camera", "orbit", "path", "panorama"])]
     ortho: Option<f32>,
-    /// All directions around the camera as one equirectangular picture [size: 2000x1000]
+    /// All directions around the camera as one equirectangular picture [size: 2000x1000, or that of a path]
     #[arg(long)]
     panorama: bool,
     /// Up direction and axis of an orbit: x, y, z, -x, -y or -z [default: that of the data set,

@@ -84,6 +84,12 @@ mod tests {
             let found = Vec3::from(picture.pixel(x, y));
             assert!(found.distance(expected) < 0.04, "{x}, {y}: {found}");
         }
-        assert!(picture.pixels().iter().all(|pixel| (Vec3::from(*pixel).length() - 1.0).abs() < 1e-3));
+        for (x, y) in (0..64).flat_map(|y| (0..128).map(move |x| (x, y))) {
+            // Neighbours are 0.05 apart at most, across the edges of faces, too.
+            let of = |x, y| Vec3::from(picture.pixel(x, y));
+            assert!((of(x, y).length() - 1.0).abs() < 1e-3);
+            assert!(of(x, y).distance(of((x + 1) % 128, y)) < 0.052, "{x}, {y}");
+            assert!(y == 63 || of(x, y).distance(of(x, y + 1)) < 0.052, "{x}, {y}");
+        }
     }
 }

@@ -149,11 +149,11 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
         return Ok((vec![from_above(&file.scene, scale, size, args.up)?], None));
     }
     let (Home { camera, target, up }, dataset) = Home::named(args.camera.as_ref(), &args.reading, file, size, args.up)?;
+    let camera = match size.unwrap_or(PANORAMA) {
+        Size { width, height } if args.panorama => Camera { width, height, ..camera },
+        _ => camera,
+    };
     let cameras = match args.orbit {
-        None if args.panorama => {
-            let Size { width, height } = size.unwrap_or(PANORAMA);
-            vec![Camera { width, height, ..camera }]
-        }
         None => vec![camera],
         Some(frames) => Orbit { center: target, axis: up, frames }.cameras(&camera),
     };

@@ -27,7 +27,7 @@ use gs_core::{LodNode, Scene, Scene3d};
 use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
 pub(super) use self::write::{encode, write};
-use super::{File3d, Format3d, TrainedWith, checked, decode_3d, source::Source};
+use super::{ConversionLoss, File3d, Format3d, TrainedWith, checked, decode_3d, source::Source};
 use crate::{atomic::read_file, error::Error};
 
 /// The file that describes the others.
@@ -127,6 +127,7 @@ impl StreamedSog {
                 None => whole.scene.append(chunk.scene),
             }
             whole.bytes += chunk.bytes;
+            ConversionLoss::merge(&mut whole.losses, chunk.losses);
             whole.beside.push(path.to_owned());
             whole.beside.extend(chunk.beside);
             trained_with = Some(trained_with.map_or(chunk.trained_with, |all| all.in_common(chunk.trained_with)));

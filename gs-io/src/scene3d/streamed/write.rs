@@ -109,7 +109,7 @@ fn encode_chunks(
         let Encoded3d { bytes, beside, written } =
             sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), options)?;
         if name.starts_with("0_") {
-            ConversionLoss::join(&mut losses, written.losses);
+            ConversionLoss::merge(&mut losses, written.losses);
         }
         for (image, bytes) in beside {
             let image = image.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -161,6 +161,9 @@ fn leaf(cell: &Cell, levels: &[Level]) -> Node {
 /// The box around a Gaussian's ellipsoid of one standard deviation.
 fn extent(gaussian: &Gaussian3d) -> Bounds {
     let covariance = gaussian.covariance().unwrap_or_default();
-    let reach = glam::Vec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z).map(f32::sqrt);
-    Bounds { min: gaussian.mean - reach, max: gaussian.mean + reach }
+    // The squares of large scales are infinite, and bounds are finite.
+    let root = |variance: f32| if variance.is_finite() { variance.sqrt() } else { f32::MAX };
+    let reach = glam::Vec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z).map(root);
+    let finite = |corner: glam::Vec3| corner.clamp(glam::Vec3::MIN, glam::Vec3::MAX);
+    Bounds { min: finite(gaussian.mean - reach), max: finite(gaussian.mean + reach) }
 }

@@ -36,7 +36,7 @@ const ENOUGH_EPOCHS: u32 = 3;
 /// Number of views that are left out if there are enough steps, over all trainings.
 const ENOUGH_VIEWS: usize = 12;
 
-/// Each training leaves out at most one of so many views.
+/// A training leaves out a quarter of the views at most: one in so many.
 const LEAST_PARTS: usize = 4;
 
 /// Gain that counts, dB: refinement costs at least that where poses are right.
