@@ -1,4 +1,4 @@
-//! Edits of 3D scenes: moving, cropping, filtering by a property, joining.
+//! Edits of 3D scenes: moving, cropping, filtering by a property, adding others.
 
 mod filter;
 mod ground;

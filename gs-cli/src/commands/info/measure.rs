@@ -24,7 +24,7 @@ struct Measured {
     /// A length.
     length: f64,
     length_in_world: f64,
-    /// An area; the length is that of its border.
+    /// An area, whose border has the length.
     area: Option<f64>,
     area_in_world: Option<f64>,
     /// Gaussians above and below the area, and the range of y of their means.
