@@ -35,7 +35,7 @@ The experiments:
   set-up            20 large Gaussians become 600; what growth is worth
   cold-start        small Gaussians on the border that do not move, and the cure
   lazy-convergence  the absolute threshold, forced growth, and why no threshold is universal
-  instability       a scale driven to zero, without guards and with them
+  instability       what the paper's clamp of scales at 1 px costs
   edges             where the Gaussians stand, and how they are stretched
   popping           orders of blending under a moving camera, in 3D
 
