@@ -14,7 +14,7 @@ use image::{
 };
 
 use super::{
-    AnyPixels, IccProfile, ImageRemark, Orientation, StoredImage, color::Colors, kind, whole, wide_tiff::WideTiff,
+    AnyPixels, ImageRemark, Orientation, StoredImage, color::Colors, kind, whole, wide_tiff::WideTiff, with_pixels,
 };
 use crate::{atomic::open, error::Error};
 
@@ -53,34 +53,23 @@ pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
 /// Reads an image in sRGB, with colour and alpha separate. The formats are those of
 /// [`read_image_on`](crate::read_image_on).
 pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<StoredImage, Error> {
-    let (mut pixels, colors, remarks) = read_pixels(path, orientation)?;
-    colors.apply(&mut pixels.colors);
-    let remarks = with_remark(remarks, &colors);
-    pixels.stored(path, None, remarks)
+    let (stored, colors) = read_stored(path, orientation)?;
+    Ok(in_srgb(stored, &colors))
 }
 
 /// Reads an image in sRGB, in the samples of its file: converted colours are rounded to them.
 pub(crate) fn decode_samples(path: &Path, orientation: Orientation) -> Result<AnyPixels, Error> {
     let (decoded, colors, _) = read_decoded(path, orientation, 0)?;
-    let pixels = AnyPixels::of_image(decoded, &colors);
-    if let AnyPixels::Floats(pixels) = &pixels
-        && let Some(place) = pixels.samples.iter().position(|sample| !sample.is_finite())
-    {
-        let pixel = (place / pixels.channels()) as u32;
-        return Err(not_finite(path, (pixel % pixels.width, pixel / pixels.width, pixels.samples[place])));
-    }
-    Ok(pixels)
+    finite(path, AnyPixels::of_image(decoded, &colors))
 }
 
 /// Reads an image as it is stored, if it can be kept so with its profile, or else in sRGB.
 pub(super) fn decode_stored(path: &Path) -> Result<StoredImage, Error> {
-    let (mut pixels, colors, mut remarks) = read_pixels(path, Orientation::Exif)?;
-    let profile = colors.profile().cloned();
-    if profile.is_none() {
-        colors.apply(&mut pixels.colors);
-        remarks = with_remark(remarks, &colors);
-    }
-    pixels.stored(path, profile, remarks)
+    let (stored, colors) = read_stored(path, Orientation::Exif)?;
+    Ok(match colors.profile().cloned() {
+        None => in_srgb(stored, &colors),
+        profile => StoredImage { profile, ..stored },
+    })
 }
 
 /// Reads a mask: an image whose values are not colours and stay as stored, without rotation. Of integers
@@ -89,8 +78,14 @@ pub(super) fn decode_stored(path: &Path) -> Result<StoredImage, Error> {
 /// A mask may be in alpha, beside a single colour of all pixels that are not transparent. Where both colour and alpha vary, a pixel counts
 /// only if it is light and opaque, so their product is returned.
 pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
-    let (Pixels { width, height, mut colors, alpha, bits_per_channel, .. }, ..) =
-        read_pixels(path, Orientation::AsStored)?;
+    let (pixels, ..) = read_pixels(path, Orientation::AsStored)?;
+    let white = match pixels {
+        AnyPixels::Bits8(_) => Some(255.0),
+        AnyPixels::Bits16(_) => Some(65535.0),
+        AnyPixels::Floats(_) => None,
+    };
+    let (mut image, alpha) = pixels.to_image().map_err(Error::content(path))?;
+    let colors = image.pixels_mut();
     if let Some(alpha) = alpha.filter(|alpha| alpha.iter().any(|alpha| *alpha < 1.0)) {
         // What programs store in transparent pixels means nothing.
         let mut visible = colors.iter().zip(&alpha).filter(|(_, alpha)| **alpha > 0.0).map(|(color, _)| color);
@@ -100,12 +95,11 @@ pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
             *color = if has_one_color { [alpha; 3] } else { color.map(|value| value * alpha) };
         }
     }
-    let whole = if bits_per_channel == 16 { 65535.0 } else { 255.0 };
     let largest = colors.iter().flatten().copied().fold(0.0, f32::max);
-    if bits_per_channel <= 16 && (largest * whole).round() == 1.0 {
-        colors.iter_mut().flatten().for_each(|value| *value *= whole);
+    if let Some(white) = white.filter(|white| (largest * white).round() == 1.0) {
+        colors.iter_mut().flatten().for_each(|value| *value *= white);
     }
-    Image::from_pixels(width, height, colors).map_err(Error::content(path))
+    Ok(image)
 }
 
 /// Reads a grey image of numbers that are not colours, with its columns and rows: the integers that
@@ -114,16 +108,10 @@ pub(crate) fn decode_grey(path: &Path) -> Result<((u32, u32), Vec<f32>), Error> 
     if let Some(wide) = WideTiff::open(path)? {
         return wide.values();
     }
-    let (Pixels { width, height, colors, bits_per_channel, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
-    if colors.iter().any(|[r, g, b]| r != g || g != b) {
-        return Err(Error::bad_depth(path, "it is an image with colours, but must be grey"));
-    }
-    let values = colors.iter().map(|[value, ..]| match bits_per_channel {
-        8 => (value * 255.0).round(),
-        16 => (value * 65535.0).round(),
-        _ => *value,
-    });
-    Ok(((width, height), values.collect()))
+    let (pixels, ..) = read_pixels(path, Orientation::AsStored)?;
+    let values = with_pixels!(&pixels, pixels => pixels.grey());
+    let values = values.ok_or_else(|| Error::bad_depth(path, "it is an image with colours, but must be grey"))?;
+    Ok((pixels.size(), values))
 }
 
 /// Columns and rows of an image for [`decode_grey`], from its header.
@@ -139,20 +127,33 @@ fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemar
     remarks
 }
 
-/// The stored pixels, how to convert their colours, and remarks on the file.
-fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors, Vec<ImageRemark>), Error> {
-    let (decoded, colors, remarks) = read_decoded(path, orientation, size_of::<[f32; 4]>())?;
-    let pixels = Pixels::of_image(decoded);
-    // Integers are finite.
-    let broken = if pixels.bits_per_channel > 16 { pixels.first_not_finite() } else { None };
-    match broken {
-        Some(found) => Err(not_finite(path, found)),
-        None => Ok((pixels, colors, remarks)),
-    }
+fn in_srgb(mut stored: StoredImage, colors: &Colors) -> StoredImage {
+    colors.apply(stored.image.pixels_mut());
+    StoredImage { remarks: with_remark(stored.remarks, colors), ..stored }
 }
 
-fn not_finite(path: &Path, (x, y, value): (u32, u32, f32)) -> Error {
-    Error::unusable(path, format!("pixel ({x}, {y}) is {value}, not a finite number"), "repair it in an image editor")
+/// The image as it is stored, without its profile, and how to convert its colours.
+fn read_stored(path: &Path, orientation: Orientation) -> Result<(StoredImage, Colors), Error> {
+    let (pixels, colors, remarks) = read_pixels(path, orientation)?;
+    let (image, alpha) = pixels.to_image().map_err(Error::content(path))?;
+    Ok((StoredImage { image, alpha, profile: None, remarks }, colors))
+}
+
+/// The stored pixels, how to convert their colours, and remarks on the file.
+fn read_pixels(path: &Path, orientation: Orientation) -> Result<(AnyPixels, Colors, Vec<ImageRemark>), Error> {
+    let (decoded, colors, remarks) = read_decoded(path, orientation, size_of::<[f32; 4]>())?;
+    Ok((finite(path, AnyPixels::of_image(decoded, &Colors::AsStored))?, colors, remarks))
+}
+
+/// The pixels, unless one is NaN or infinite.
+fn finite(path: &Path, pixels: AnyPixels) -> Result<AnyPixels, Error> {
+    // Integers are finite.
+    let AnyPixels::Floats(floats) = &pixels else { return Ok(pixels) };
+    let Some(place) = floats.samples.iter().position(|sample| !sample.is_finite()) else { return Ok(pixels) };
+    let pixel = (place / floats.channels()) as u32;
+    let (x, y, value) = (pixel % floats.width, pixel / floats.width, floats.samples[place]);
+    let problem = format!("pixel ({x}, {y}) is {value}, not a finite number");
+    Err(Error::unusable(path, problem, "repair it in an image editor"))
 }
 
 /// The decoded image, how to convert its colours, and remarks on the file. The caller needs `beside`
@@ -289,62 +290,4 @@ fn name_of(format: ImageFormat) -> &'static str {
 
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-/// Colour and alpha as numbers.
-struct Pixels {
-    width: u32,
-    height: u32,
-    colors: Vec<[f32; 3]>,
-    alpha: Option<Vec<f32>>,
-    bits_per_channel: u8,
-}
-
-impl Pixels {
-    fn of_image(decoded: DynamicImage) -> Self {
-        let (width, height, color) = (decoded.width(), decoded.height(), decoded.color());
-        let (colors, alpha) = match decoded {
-            DynamicImage::ImageLuma8(b) => split::<1, u8>(b.as_raw(), 255.0),
-            DynamicImage::ImageLumaA8(b) => split::<2, u8>(b.as_raw(), 255.0),
-            DynamicImage::ImageRgb8(b) => split::<3, u8>(b.as_raw(), 255.0),
-            DynamicImage::ImageRgba8(b) => split::<4, u8>(b.as_raw(), 255.0),
-            DynamicImage::ImageLuma16(b) => split::<1, u16>(b.as_raw(), 65535.0),
-            DynamicImage::ImageLumaA16(b) => split::<2, u16>(b.as_raw(), 65535.0),
-            DynamicImage::ImageRgb16(b) => split::<3, u16>(b.as_raw(), 65535.0),
-            DynamicImage::ImageRgba16(b) => split::<4, u16>(b.as_raw(), 65535.0),
-            DynamicImage::ImageRgb32F(b) => split::<3, f32>(b.as_raw(), 1.0),
-            other => split::<4, f32>(other.into_rgba32f().as_raw(), 1.0),
-        };
-        let bits_per_channel = 8 * (color.bytes_per_pixel() / color.channel_count());
-        Self { width, height, colors, alpha, bits_per_channel }
-    }
-
-    fn stored(self, path: &Path, profile: Option<IccProfile>, remarks: Vec<ImageRemark>) -> Result<StoredImage, Error> {
-        let Self { width, height, colors, alpha, .. } = self;
-        let image = Image::from_pixels(width, height, colors).map_err(Error::content(path))?;
-        Ok(StoredImage { image, alpha, profile, remarks })
-    }
-
-    /// Column, row and value of the first pixel that is NaN or infinite.
-    fn first_not_finite(&self) -> Option<(u32, u32, f32)> {
-        let color =
-            self.colors.iter().flatten().position(|v| !v.is_finite()).map(|k| (k / 3, self.colors[k / 3][k % 3]));
-        let alpha = self.alpha.iter().flatten().position(|v| !v.is_finite());
-        let alpha = alpha.and_then(|k| Some((k, self.alpha.as_ref()?[k])));
-        let (pixel, value) = color.into_iter().chain(alpha).min_by_key(|(pixel, _)| *pixel)?;
-        Some((pixel as u32 % self.width, pixel as u32 / self.width, value))
-    }
-}
-
-/// Separates colour and alpha of pixels with `CHANNELS` = 1 (grey), 2 (grey, alpha), 3 (RGB) or 4
-/// (RGB, alpha) samples. The sample `white` stands for 1.
-fn split<const CHANNELS: usize, S: Copy + Into<f32>>(samples: &[S], white: f32) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
-    let pixels = samples.as_chunks::<CHANNELS>().0;
-    let value = |pixel: &[S; CHANNELS], k: usize| pixel[k].into() / white;
-    let colors = pixels.iter().map(|pixel| match CHANNELS {
-        1 | 2 => [value(pixel, 0); 3],
-        _ => [value(pixel, 0), value(pixel, 1), value(pixel, 2)],
-    });
-    let alpha = CHANNELS.is_multiple_of(2).then(|| pixels.iter().map(|pixel| value(pixel, CHANNELS - 1)).collect());
-    (colors.collect(), alpha)
 }

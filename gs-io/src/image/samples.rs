@@ -1,11 +1,16 @@
 //! Pixels in the samples of their file: 8 or 16 bits, or floating point.
 
+use gs_core::Image;
 use image::DynamicImage;
+use rayon::prelude::*;
 
 use super::color::Colors;
 
 /// Pixels per call of a conversion of colours.
 const CHUNK: usize = 4096;
+
+/// Pixels that a thread converts at once.
+const PARALLEL_CHUNK: usize = 1 << 16;
 
 /// A sample of a pixel.
 pub(crate) trait Sample: Copy + Default + Send + Sync + 'static {
@@ -128,6 +133,15 @@ impl<S: Sample> Pixels<S> {
         if self.has_alpha { 4 } else { 3 }
     }
 
+    /// The unscaled numbers of grey pixels; `None` if a pixel is not grey.
+    pub(crate) fn grey(&self) -> Option<Vec<f32>> {
+        let grey = |pixel: &[S]| {
+            let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(Sample::number);
+            (r == g && g == b).then_some(r)
+        };
+        self.samples.chunks_exact(self.channels()).map(grey).collect()
+    }
+
     /// The numbers of a pixel; alpha is 1 without an alpha channel.
     pub(crate) fn number(&self, index: usize) -> [f32; 4] {
         let channels = self.channels();
@@ -174,10 +188,39 @@ impl AnyPixels {
         }
     }
 
+    /// The image, and its alpha if it has any: stored integers divided by 255 or 65535.
+    pub(crate) fn to_image(&self) -> Result<(Image, Option<Vec<f32>>), gs_core::Error> {
+        let (width, height) = self.size();
+        let (colors, alpha) = with_pixels!(self, pixels => floats(pixels));
+        Ok((Image::from_pixels(width, height, colors)?, alpha))
+    }
+
     /// Columns and rows.
     pub(crate) fn size(&self) -> (u32, u32) {
         with_pixels!(self, pixels => (pixels.width, pixels.height))
     }
+}
+
+/// Colours and alpha in floating point.
+fn floats<S: Sample>(pixels: &Pixels<S>) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
+    let channels = pixels.channels();
+    let count = pixels.samples.len() / channels;
+    let value = |sample: S| sample.number() / S::WHITE;
+    let mut colors = vec![[0.0; 3]; count];
+    let chunks = colors.par_chunks_mut(PARALLEL_CHUNK).zip(pixels.samples.par_chunks(channels * PARALLEL_CHUNK));
+    if !pixels.has_alpha {
+        chunks.for_each(|(colors, samples)| {
+            colors.as_flattened_mut().iter_mut().zip(samples).for_each(|(color, &sample)| *color = value(sample));
+        });
+        return (colors, None);
+    }
+    chunks.for_each(|(colors, samples)| {
+        for (color, pixel) in colors.iter_mut().zip(samples.as_chunks::<4>().0) {
+            color.iter_mut().zip(pixel).for_each(|(color, &sample)| *color = value(sample));
+        }
+    });
+    let alpha = pixels.samples.as_chunks::<4>().0.iter().map(|pixel| value(pixel[3])).collect();
+    (colors, Some(alpha))
 }
 
 #[cfg(test)]

@@ -1,10 +1,7 @@
 //! An image for training in the samples of its file, with its mask.
 
-use gs_core::Image;
-use rayon::prelude::*;
-
 use super::PosedImage;
-use crate::image::{AnyPixels, Pixels, Sample, with_pixels};
+use crate::image::{AnyPixels, Pixels, with_pixels};
 
 /// A [`PosedImage`] in a quarter of its memory: in 8 bits a channel, 16 where its file has more, or
 /// floating-point numbers where its file has those.
@@ -14,9 +11,6 @@ pub struct CompactImage {
     /// Which pixels count; `None` if all do.
     pub(crate) mask: Option<Vec<bool>>,
 }
-
-/// Pixels that a thread converts at once.
-const CHUNK: usize = 1 << 16;
 
 /// Bytes of the header of [`CompactImage::to_bytes`].
 const HEADER: usize = 16;
@@ -38,9 +32,8 @@ impl CompactImage {
     /// # Errors
     /// [`gs_core::Error`] where memory is not sufficient.
     pub fn to_posed(&self) -> Result<PosedImage, gs_core::Error> {
-        let (width, height) = self.size();
-        let (colors, alpha) = with_pixels!(&self.pixels, pixels => floats(pixels));
-        Ok(PosedImage { image: Image::from_pixels(width, height, colors)?, alpha, mask: self.mask.clone() })
+        let (image, alpha) = self.pixels.to_image()?;
+        Ok(PosedImage { image, alpha, mask: self.mask.clone() })
     }
 
     /// The image as bytes, for [`Self::from_bytes`] of the same version of this crate.
@@ -105,31 +98,10 @@ impl From<&PosedImage> for CompactImage {
     }
 }
 
-/// Colours and alpha in floating point.
-fn floats<S: Sample>(pixels: &Pixels<S>) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
-    let channels = pixels.channels();
-    let count = pixels.samples.len() / channels;
-    let value = |sample: S| sample.number() / S::WHITE;
-    let mut colors = vec![[0.0; 3]; count];
-    let chunks = colors.par_chunks_mut(CHUNK).zip(pixels.samples.par_chunks(channels * CHUNK));
-    if !pixels.has_alpha {
-        chunks.for_each(|(colors, samples)| {
-            colors.as_flattened_mut().iter_mut().zip(samples).for_each(|(color, &sample)| *color = value(sample));
-        });
-        return (colors, None);
-    }
-    chunks.for_each(|(colors, samples)| {
-        for (color, pixel) in colors.iter_mut().zip(samples.as_chunks::<4>().0) {
-            color.iter_mut().zip(pixel).for_each(|(color, &sample)| *color = value(sample));
-        }
-    });
-    let alpha = pixels.samples.as_chunks::<4>().0.iter().map(|pixel| value(pixel[3])).collect();
-    (colors, Some(alpha))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Sample as _;
 
     #[test]
     fn images_of_all_samples_come_back_from_their_bytes() {
