@@ -2,7 +2,7 @@
 
 use gs_core::{Backend, Canvas, Error, Rasterizer, RenderSettings, Scene2d};
 #[cfg(feature = "cpu")]
-use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 #[cfg(feature = "wgpu")]
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
@@ -36,9 +36,6 @@ pub struct Request {
     /// SIMD level of the CPU backend. The default is the fastest of this machine.
     #[cfg(feature = "cpu")]
     pub level: Option<SimdLevel>,
-    /// Tuning of the CPU backend.
-    #[cfg(feature = "cpu")]
-    pub tuning: CpuTuning,
     /// Adapter and kernels of the wgpu backend. Under [`Wanted::Fastest`] they are ignored.
     #[cfg(feature = "wgpu")]
     pub wgpu: WgpuSettings,
@@ -126,7 +123,7 @@ fn cpu(request: &Request, threads: &Threads, why: &str) -> Result<Chosen, Error>
         s.threads = Some(threads.count);
         s.level = request.level;
     });
-    let rasterizer = CpuRasterizer::new(settings)?.with_tuning(request.tuning)?;
+    let rasterizer = CpuRasterizer::new(settings)?;
     let why_level = match request.level {
         Some(_) => "SIMD level as requested",
         None => "the fastest SIMD level of this machine",

@@ -72,7 +72,7 @@ Examples:
   gs info --adapters
       list the GPUs of this machine
   gs frontier out --max-error 1/255 -o frontier
-      find the fastest settings for an accuracy, for gs render --settings
+      find the fastest settings for an accuracy, as flags of gs render
   gs study absolute-vs-percentile --data images/ -o study
       compare density policies
 

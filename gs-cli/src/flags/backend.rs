@@ -3,9 +3,9 @@
 use clap::{Args, Parser, builder::NonEmptyStringValueParser};
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, host_threads, open_for};
 use gs_core::{Error, RenderSettings};
-use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_lab::study::Machine;
-use gs_wgpu::{Kernels, WgpuSettings};
+use gs_wgpu::WgpuSettings;
 
 use super::values::{by_name, whole};
 use crate::failure::Failure;
@@ -28,12 +28,6 @@ pub(crate) struct BackendArgs {
     /// machine]
     #[arg(long, value_name = "LEVEL")]
     pub(crate) simd: Option<String>,
-    /// Tuning of the cpu backend; only a settings file can choose it.
-    #[arg(skip)]
-    pub(crate) tuning: CpuTuning,
-    /// Kernels of the wgpu backend; only a settings file can choose them.
-    #[arg(skip)]
-    pub(crate) kernels: Option<Kernels>,
 }
 
 impl BackendArgs {
@@ -83,20 +77,20 @@ impl BackendArgs {
     }
 
     /// Whether no flag chooses a backend.
-    pub(crate) fn is_open(&self) -> bool {
+    fn is_open(&self) -> bool {
         self.backend == Wanted::Fastest && self.adapter.is_none() && self.simd.is_none()
     }
 
     /// Parses flags that were recorded in a file.
-    pub(crate) fn from_flags(flags: &[String]) -> Result<Self, clap::Error> {
+    fn from_flags(flags: &[String]) -> Result<Self, clap::Error> {
         let words = std::iter::once("gs").chain(flags.iter().map(String::as_str));
         Recorded::try_parse_from(words).map(|recorded| recorded.backend)
     }
 
     /// The request that the flags stand for. `--adapter` implies the wgpu backend, and `--simd` the
     /// cpu backend.
-    pub(crate) fn request(&self) -> Result<Request, Failure> {
-        let Self { backend, adapter, simd, threads, tuning, kernels } = self;
+    fn request(&self) -> Result<Request, Failure> {
+        let Self { backend, adapter, simd, threads } = self;
         let (wanted, why) = match (backend, adapter.as_deref(), simd.as_deref()) {
             (Wanted::Cpu, Some(name), _) => {
                 return Err(contradiction(&format!(
@@ -117,17 +111,13 @@ impl BackendArgs {
             (Wanted::Fastest, Some(_), None) => (Wanted::Wgpu, None),
             (wanted, ..) => (*wanted, None),
         };
-        let wgpu = WgpuSettings::default().with(|s| {
-            s.adapter = adapter.clone();
-            s.kernels = *kernels;
-        });
+        let wgpu = WgpuSettings::default().with(|s| s.adapter = adapter.clone());
         let level = simd.as_deref().map(simd_level).transpose()?;
         Ok(Request::default().with(|s| {
             s.wanted = wanted;
             s.why = why;
             s.threads = threads.map(usize::from);
             s.level = level;
-            s.tuning = *tuning;
             s.wgpu = wgpu;
         }))
     }

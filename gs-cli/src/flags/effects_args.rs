@@ -37,8 +37,6 @@ pub(crate) enum EffectsChoice {
     Auto,
     /// All effects.
     All,
-    /// All effects that a settings file has.
-    FromFile,
     /// The listed effects. Blending cannot be chosen: a scene is trained for one.
     Only(Vec<Effect>),
 }
@@ -63,19 +61,13 @@ impl EffectsArgs {
     pub(crate) fn choice(&self) -> EffectsChoice {
         self.effects.clone().unwrap_or(EffectsChoice::Auto)
     }
-
-    /// What the flag says, or otherwise all effects of a settings file, whose budget includes what they
-    /// change.
-    pub(crate) fn or_from_file(&self) -> EffectsChoice {
-        self.effects.clone().unwrap_or(EffectsChoice::FromFile)
-    }
 }
 
 impl EffectsChoice {
     /// The settings to train a scene with, for which no effect can be decided yet.
     pub(crate) fn for_training(&self, wanted: &RenderSettings) -> RenderSettings {
         match self {
-            Self::Auto | Self::All | Self::FromFile => *wanted,
+            Self::Auto | Self::All => *wanted,
             Self::Only(list) => listed(list, wanted).settings,
         }
     }
@@ -92,7 +84,6 @@ impl EffectsChoice {
         Ok(match self {
             Self::Auto => Effects::required(scene, views, wanted)?,
             Self::All => all("--effects all"),
-            Self::FromFile => all("as in --settings"),
             Self::Only(list) => listed(list, wanted),
         })
     }

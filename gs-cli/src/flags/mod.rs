@@ -4,6 +4,5 @@ pub(crate) mod backend;
 pub(crate) mod cameras;
 pub(crate) mod dataset;
 pub(crate) mod effects_args;
-pub(crate) mod frontier_settings;
 pub(crate) mod render_args;
 pub(crate) mod values;

@@ -60,11 +60,7 @@ impl RenderArgs3d {
 
     /// The settings to render a scene with, beside a data set if there is one.
     pub(crate) fn settings(&self, file: &File3d, dataset: Option<&Dataset>) -> RenderSettings {
-        self.applied_to(file.render_settings(dataset))
-    }
-
-    /// Applies the given flags to settings.
-    pub(crate) fn applied_to(&self, mut render: RenderSettings) -> RenderSettings {
+        let mut render = file.render_settings(dataset);
         let effects = &mut render.effects;
         effects.sh_degree = self.sh_degree.unwrap_or(effects.sh_degree);
         effects.order = self.order.unwrap_or(effects.order);

@@ -13,17 +13,13 @@ use gs_core::{
     effects::{Antialias, Background},
 };
 use gs_density::Policy;
-use gs_lab::price::{FrontierMachine, FrontierSettings};
 use gs_train::{FitSettings, Init, InitKind, Preset, SettingsFile as _, Trainer, Tune, mean_color};
 
 pub(crate) use self::fit_image::FitImage;
 use crate::{
     failure::Failure,
     files::text_file::read_settings_text,
-    flags::{
-        frontier_settings,
-        values::{Color, by_name, whole},
-    },
+    flags::values::{Color, by_name, whole},
     terminal::output,
     training::arguments::policy_by_name,
 };
@@ -35,8 +31,7 @@ pub(crate) struct FitSettingsArgs {
     /// The settings to start from [default: standard, or paper without an image]
     #[arg(long, value_parser = by_name::<Preset>(), value_name = "PRESET")]
     pub(crate) preset: Option<Preset>,
-    /// Settings file: the settings.toml of a fit, or that of gs frontier with accuracy and backend;
-    /// flags override it
+    /// Settings file, such as the settings.toml of a fit; flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians [default: 9000 for each 768x512 px; 600 with preset paper]
@@ -88,66 +83,40 @@ fn policy() -> impl TypedValueParser<Value = Policy> {
     })
 }
 
-/// The content of a settings file. The file is read once, as it may be a pipe.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) enum SettingsFile {
-    /// No file is named.
-    None,
-    /// All settings of a fit.
-    Fit(Box<FitSettings>),
-    /// Settings of `gs frontier`.
-    Frontier(Box<FrontierSettings>),
-}
-
-impl SettingsFile {
-    /// Reads the file that the flags name.
-    pub(crate) fn read(args: &FitSettingsArgs) -> Result<Self, Failure> {
-        let Some(file) = args.settings.as_deref() else { return Ok(Self::None) };
-        let text = read_settings_text(file)?;
-        if let Some(frontier) = frontier_settings::parse_if_any(&text, file)? {
-            return Ok(Self::Frontier(Box::new(frontier)));
-        }
-        let settings = FitSettings::from_toml(&text, file)
+impl FitSettingsArgs {
+    /// The settings in the file, if there is one. It is read once, as it may be a pipe.
+    pub(crate) fn read_file(&self) -> Result<Option<FitSettings>, Failure> {
+        let Some(file) = self.settings.as_deref() else { return Ok(None) };
+        let settings = FitSettings::from_toml(&read_settings_text(file)?, file)
             .map_err(|error| Failure::usage(error).hint("compare it with the settings.toml that a fit writes"))?;
         settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
-        Ok(Self::Fit(Box::new(settings)))
+        Ok(Some(settings))
     }
 
-    /// The colour behind transparent pixels of the target: the flag's, or that of the settings.
-    pub(crate) fn background(&self, args: &FitSettingsArgs) -> Option<Color> {
-        args.background.or_else(|| match self {
-            Self::Fit(settings) if settings.render.effects.background == Background::Solid => {
-                Some(Color(settings.render.background))
-            }
-            _ => None,
-        })
-    }
-
-    /// The machine that the frontier chose.
-    pub(crate) fn machine(&self) -> Option<&FrontierMachine> {
-        match self {
-            Self::Frontier(frontier) => Some(&frontier.machine),
-            Self::None | Self::Fit(_) => None,
-        }
+    /// The colour behind transparent pixels of the target: the flag's, or that of the file.
+    pub(crate) fn behind(&self, file: Option<&FitSettings>) -> Option<Color> {
+        let solid = file.filter(|settings| settings.render.effects.background == Background::Solid);
+        self.background.or(solid.map(|settings| Color(settings.render.background)))
     }
 }
 
 /// The settings that the flags and the file ask for, for this target.
-pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &FitImage) -> Result<FitSettings, Failure> {
+pub(crate) fn settings(
+    args: &FitSettingsArgs,
+    file: Option<&FitSettings>,
+    target: &FitImage,
+) -> Result<FitSettings, Failure> {
     let mut settings = match file {
-        SettingsFile::Fit(settings) => {
+        Some(settings) => {
             let gaussians = args.gaussians.unwrap_or(settings.gaussians);
             let iterations = args.iterations.unwrap_or(settings.iterations);
-            settings.as_ref().clone().with_gaussians(gaussians).with_iterations(iterations)
+            settings.clone().with_gaussians(gaussians).with_iterations(iterations)
         }
-        _ => {
+        None => {
             let preset = args.preset.unwrap_or(target.preset());
             FitSettings::from_preset(preset, target.image.size(), args.gaussians, args.iterations)
         }
     };
-    if let SettingsFile::Frontier(frontier) = file {
-        settings.render.accuracy = frontier.accuracy;
-    }
     settings.exactly |= args.exactly;
     settings.loss = args.loss.unwrap_or(settings.loss);
     settings.tune = args.tune.unwrap_or(settings.tune);
@@ -173,7 +142,7 @@ pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Fit
         settings.init = Init::of_kind(init, settings.render.effects.blend);
     }
     settings.seed = args.seed.unwrap_or(settings.seed);
-    if !matches!(file, SettingsFile::Fit(_)) {
+    if file.is_none() {
         settings = before_flat_color(settings, target);
     }
     settings.validate()?;
@@ -221,7 +190,7 @@ mod tests {
     }
 
     fn resolved(args: &FitSettingsArgs) -> FitSettings {
-        settings(args, &SettingsFile::None, &target()).unwrap()
+        settings(args, None, &target()).unwrap()
     }
 
     /// The names of the policies that are offered.
@@ -248,7 +217,7 @@ mod tests {
     fn a_flat_picture_is_fitted_before_its_colour_unless_transparent_pixels_show_another() {
         let flat = |behind| FitImage { image: Image::filled(9, 7, [1.0; 3]).unwrap(), behind, ..target() };
         let background = |args: &FitSettingsArgs, target: &FitImage| {
-            let settings = super::settings(args, &SettingsFile::None, target).unwrap();
+            let settings = super::settings(args, None, target).unwrap();
             (settings.render.effects.background == Background::Solid).then_some(settings.render.background)
         };
         let usual = FitSettingsArgs::default();
@@ -258,8 +227,8 @@ mod tests {
         assert_eq!(background(&usual, &target()), None);
         let black = FitSettingsArgs { background: Some(Color([0.0; 3])), ..FitSettingsArgs::default() };
         assert_eq!(background(&black, &flat(None)), Some([0.0; 3]));
-        let file = SettingsFile::Fit(Box::new(FitSettings::standard(9)));
-        assert_eq!(settings(&usual, &file, &flat(None)).unwrap().render.effects.background, Background::None);
+        let file = FitSettings::standard(9);
+        assert_eq!(settings(&usual, Some(&file), &flat(None)).unwrap().render.effects.background, Background::None);
     }
 
     #[test]

@@ -165,19 +165,6 @@ fn settings_may_come_through_a_pipe() {
     let fit = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", "/dev/stdin", "--json"];
     let own = Run::fed(&fit, "gaussians = 25\niterations = 12\n").json();
     assert_eq!((&own["settings"]["gaussians"], &own["iterations"]), (&25.into(), &12.into()));
-
-    let chosen = "[machine]\nflags = ['--backend', 'cpu', '--simd', 'baseline']\n[accuracy]\nalpha-cut = 0.25\n";
-    let fitted = Run::fed(&[&fit[..], &["-n", "20", "-i", "10"]].concat(), chosen).json();
-    assert_eq!(
-        (&fitted["simd"], &fitted["settings"]["render"]["accuracy"]["alpha-cut"]),
-        (&"baseline".into(), &0.25.into())
-    );
-    let scene = output.join("scene.gs2d.safetensors");
-    let picture = place.path().join("picture.png");
-    let render = ["render", scene.to_str().unwrap(), "-o", picture.to_str().unwrap(), "--settings", "/dev/stdin"];
-    // Nothing in the pipe would be no such file.
-    Run::fed(&render, chosen).done();
-    assert!(Run::fed(&render, "").refusal().contains("machine"));
 }
 
 #[test]

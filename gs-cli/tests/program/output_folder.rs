@@ -29,7 +29,7 @@ fn every_command_refuses_to_replace_what_no_run_wrote() {
         (&["paper", "--only", "popping"], "popping/zones.csv"),
         (&["paper"], "index.html"),
         (&["popping", scene], "popping.png"),
-        (&["frontier", image], "settings.toml"),
+        (&["frontier", image], "frontier.csv"),
         (&["study", "edges"], "report.html"),
         (&["study", "edges"], "plots/mine.svg"),
     ];

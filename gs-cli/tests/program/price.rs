@@ -178,31 +178,28 @@ fn frontier<'a>(input: &'a str, flags: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
-fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
+fn a_budget_is_answered_by_flags_that_render_takes() {
     let place = folder();
     let image = picture(place.path(), 48, 32);
     let output = place.path().join("out");
     let flags = ["-n", "30", "-i", "20", "--max-error", "1/1000", "-o", text(&output)];
     let run = gs(frontier(text(&image), &flags)).done();
-    let file = output.join("settings.toml");
-    assert_eq!(run.stdout.trim_end(), fs::read_to_string(&file).unwrap().trim_end());
-    assert!(run.stdout.contains("# On 3 other views") && run.stdout.contains("[machine]"), "{}", run.stdout);
+    assert!(run.stdout.contains("# On 3 other views"), "{}", run.stdout);
+    let answer = run.stdout.lines().last().unwrap();
+    assert!(answer.starts_with("--effects all ") && answer.contains(" --backend cpu --simd "), "{answer}");
     for expected in ["30 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"] {
         assert!(run.stderr.contains(expected), "{expected}: {}", run.stderr);
     }
-    let names = ["frontier.csv", "frontier.json", "frontier.png", "frontier.svg", "settings.toml"];
-    assert_eq!(names_in(&output), names);
+    assert_eq!(names_in(&output), ["frontier.csv", "frontier.json", "frontier.png", "frontier.svg"]);
     let json = read_json(&output.join("frontier.json"));
     let rows = json["rows"].as_array().unwrap();
     assert_eq!(fs::read_to_string(output.join("frontier.csv")).unwrap().lines().count(), rows.len() + 1);
     assert!(number(&json["answer"]["verification"]["error"]["max"]) <= 1e-3);
+    assert_eq!(json["answer"]["flags"], answer);
     let levels = rows.iter().filter(|row| row["role"] == "alone" && row["changes"][0]["axis"] == "SIMD").count();
     assert_eq!(levels + 1, gs_cpu::SimdLevel::available().len());
 
-    // The file is used: a picture whose cut is half is empty.
-    let coarse = place.path().join("coarse.toml");
-    let flags = "flags = [\"--backend\", \"cpu\", \"--simd\", \"baseline\"]";
-    fs::write(&coarse, format!("[accuracy]\nalpha-cut = 0.5\n[machine]\n{flags}\n")).unwrap();
+    // The flags are used: a picture whose cut is half is empty.
     let scene = fitted(place.path());
     let render = |name: &str, flags: &[&str]| {
         let png = place.path().join(name);
@@ -210,12 +207,14 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
         gs_io::read_image(&png).unwrap().image
     };
     let usual = render("usual.png", &[]);
-    let psnr = |file: &Path| gs_core::metrics::psnr(&usual, &render("a.png", &["--settings", text(file)])).unwrap();
-    assert!(psnr(&file) > 35.0 && psnr(&coarse) < 30.0);
-    let again = place.path().join("again");
-    let flags = ["-n", "30", "-i", "20", "--no-report", "--json", "--settings", text(&coarse), "-o", text(&again)];
-    let summary = gs(["fit", text(&image)].iter().chain(&flags)).json();
-    assert_eq!(summary["simd"], "baseline", "{summary}");
+    let psnr = |flags: &[&str]| gs_core::metrics::psnr(&usual, &render("a.png", flags)).unwrap();
+    assert!(psnr(&answer.split(' ').collect::<Vec<_>>()) > 35.0);
+    assert!(psnr(&["--accuracy", "alpha-cut=0.5,alpha-max=0.9"]) < 30.0);
+    for (wrong, expected) in [("alpha-cuts=0.1", "`alpha-cut`"), ("alpha-cut=7", "must be"), ("1/255", "KEY=VALUE")] {
+        let png = place.path().join("b.png");
+        let run = gs(["render", &scene, "-o", text(&png), "--accuracy", wrong]);
+        assert!(run.status == Some(2) && run.refusal().contains(expected), "{run:?}");
+    }
 }
 
 #[test]
@@ -225,22 +224,23 @@ fn the_frontier_of_a_3d_scene_chooses_effects_or_says_what_is_out_of_reach() {
     let output = place.path().join("out");
     let flags = ["--size", "40x30", "--views", "2", "-o", text(&output)];
     let run = gs(frontier(text(&scene), &[&flags[..], &["--max-ms", "1e5"]].concat())).done();
-    assert!(run.stdout.contains("[effects]"), "{}", run.stdout);
+    let answer = run.stdout.lines().last().unwrap().to_owned();
+    assert!(answer.starts_with("--effects all "), "{answer}");
     let json = read_json(&output.join("frontier.json"));
     let axes: Vec<&str> =
         json["rows"].as_array().unwrap().iter().filter_map(|row| row["changes"][0]["axis"].as_str()).collect();
     for expected in ["order", "antialias", "sh-degree", "full below", "tile rows", "exp", "bounds"] {
         assert!(axes.contains(&expected), "{expected}: {axes:?}");
     }
-    let (png, file) = (place.path().join("a.png"), output.join("settings.toml"));
-    let words = ["render", text(&scene), "-o", text(&png), "--size", "30x20", "--verbose", "--settings", text(&file)];
-    assert!(gs(words).done().stderr.contains("as in --settings"));
-    // Measurements are printed and written all the same, and no earlier answer stays beside them.
+    let png = place.path().join("a.png");
+    let words = ["render", text(&scene), "-o", text(&png), "--size", "30x20", "--verbose"];
+    assert!(gs(words.into_iter().chain(answer.split(' '))).done().stderr.contains("--effects all"));
+    // Measurements are printed and written all the same.
     let run = gs(frontier(text(&scene), &[&flags[..], &["--max-error", "1e-15"]].concat()));
     assert_eq!(run.status, Some(1));
     assert!(run.stderr.lines().last().unwrap().contains("--max-error"), "{run:?}");
     assert!(run.stdout.contains("on the frontier"), "{run:?}");
-    assert!(output.join("frontier.csv").exists() && !file.exists());
+    assert!(output.join("frontier.csv").exists());
 }
 
 #[test]

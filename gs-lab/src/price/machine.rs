@@ -10,7 +10,7 @@ use gs_core::{
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
-use super::frontier::{Change, FrontierMachine};
+use super::frontier::Change;
 use crate::study::Machine;
 
 /// A rasterizer with its scene, independent of its type.
@@ -59,8 +59,8 @@ pub(crate) struct Candidate<'a, V> {
     pub(crate) name: String,
     /// The difference from the first candidate of the same backend; `None` for the first.
     pub(crate) change: Option<Change>,
-    /// The settings that choose it.
-    pub(crate) machine: FrontierMachine,
+    /// The flags of `gs` that choose it; `None` where none do.
+    pub(crate) flags: Option<String>,
     /// What renders.
     pub(crate) renderer: Box<dyn Renderer<V> + 'a>,
 }
@@ -117,17 +117,18 @@ where
     AnyRasterizer: Optimizer<S>,
 {
     let rasterizer = &*loaded.rasterizer;
-    let mut machine = FrontierMachine { flags: Machine::of(rasterizer).flags, ..FrontierMachine::default() };
+    let mut machine = Machine::of(rasterizer);
     if let Some(threads) = threads(rasterizer).filter(|&threads| Some(threads) != usual_threads) {
         machine.flags.extend(["--threads".to_owned(), threads.to_string()]);
     }
-    match rasterizer {
-        AnyRasterizer::Cpu(cpu) => machine.cpu = Some(cpu.tuning()).filter(|&tuning| tuning != CpuTuning::default()),
-        AnyRasterizer::Wgpu(gpu) => machine.kernels = change.is_some().then(|| gpu.kernels()),
-        _ => {}
-    }
+    // No flag chooses tunings and kernels.
+    let has_flags = match rasterizer {
+        AnyRasterizer::Cpu(cpu) => cpu.tuning() == CpuTuning::default(),
+        _ => change.is_none(),
+    };
+    let flags = has_flags.then(|| machine.typed_flags());
     let (backend, name) = (rasterizer.name().to_owned(), rasterizer.describe());
-    Candidate { backend, name, change, machine, renderer: Box::new(loaded) }
+    Candidate { backend, name, change, flags, renderer: Box::new(loaded) }
 }
 
 /// The threads of the CPU backend.

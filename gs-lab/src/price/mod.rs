@@ -26,7 +26,7 @@ mod training;
 pub(crate) use self::machine::{Loaded, Renderer};
 pub use self::{
     effects::{EffectPrices, effect_prices},
-    frontier::{Budget, FrontierMachine, FrontierReport, FrontierSettings, Search},
+    frontier::{Budget, FrontierReport, Search},
     popping::{SlowOrbit, popping_prices},
     reference::Verifiable,
     stages::{StagePrices, stage_prices},

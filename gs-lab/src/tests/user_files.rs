@@ -1,18 +1,9 @@
 //! Files that users write: each key is misspelt in turn, and every misspelling is refused, with its
 //! line and the right key.
 
-use crate::{
-    Error, Places, Plan, Study,
-    price::{FrontierMachine, FrontierSettings, frontier::settings_file::FrontierEffects},
-};
-use gs_core::{
-    Accuracy, Effects,
-    effects::{Antialias, Order},
-    view::CameraPath,
-};
-use gs_cpu::{Bounds, CpuTuning};
+use crate::{Error, Places, Plan, Study};
+use gs_core::view::CameraPath;
 use gs_train::parse_json;
-use gs_wgpu::Kernels;
 use toml::{Table, Value};
 
 /// All tables that differ from `whole` in one misspelt key, at any depth, each with that key.
@@ -100,42 +91,5 @@ fn every_key_of_a_camera_path_is_known_and_no_other() {
         let (line, nearest) = named(&text, &wrong);
         let message = read(&text).unwrap_err().to_string();
         assert_eq!(message, format!("path.json:{line}: unknown key `{wrong}`: {nearest}"));
-    }
-}
-
-/// Frontier settings, from which nothing is left out.
-fn frontier_settings() -> FrontierSettings {
-    let effects = Effects { order: Order::PerPixel, antialias: Antialias::Mip, sh_degree: 2, ..Effects::default() };
-    let cpu = CpuTuning::default().with(|s| (s.bounds, s.tile_rows) = (Bounds::Box, Some(16)));
-    let flags = ["--backend", "cpu"].map(str::to_owned).to_vec();
-    FrontierSettings {
-        accuracy: Accuracy::default().with(|a| a.alpha_cut = 1.0 / 1024.0),
-        effects: Some(FrontierEffects::of(&effects)),
-        machine: FrontierMachine { flags, cpu: Some(cpu), kernels: Some(Kernels::Portable) },
-    }
-}
-
-#[test]
-fn frontier_settings_are_read_as_they_were_written() {
-    let whole = frontier_settings();
-    let bare = FrontierSettings { effects: None, machine: FrontierMachine::default(), ..whole.clone() };
-    for settings in [whole, bare] {
-        let text = settings.to_toml().unwrap();
-        assert!(FrontierSettings::is_in(&text));
-        assert_eq!(FrontierSettings::from_toml(&text, "x.toml".as_ref()).unwrap(), settings, "{text}");
-    }
-}
-
-#[test]
-fn every_key_of_frontier_settings_is_known_and_no_other() {
-    let whole: Table = frontier_settings().to_toml().unwrap().parse().unwrap();
-    let all = misspelt(&whole);
-    assert_eq!(all.len(), 17, "{whole}");
-    for (wrong, table) in all {
-        let text = toml::to_string(&table).unwrap();
-        let (line, nearest) = named(&text, &wrong);
-        let message = FrontierSettings::from_toml(&text, "x.toml".as_ref()).unwrap_err().to_string();
-        assert!(message.starts_with(&format!("x.toml:{line}: unknown ")), "{message}\n{text}");
-        assert!(message.contains(&format!("`{wrong}`")) && message.ends_with(&nearest), "{message}\n{text}");
     }
 }

@@ -21,8 +21,7 @@ use self::{arguments::CountArgs, film::Film, results::Results};
 use crate::{
     failure::Failure,
     files::output_folder,
-    flags::{backend::BackendArgs, frontier_settings},
-    image_fit::{self, FitImage, SettingsFile, batch},
+    image_fit::{self, FitImage, batch},
     memory::{self, Need},
     terminal::output::{self, quoted},
     training::{self, job::Job},
@@ -41,26 +40,20 @@ fn run_one(args: &FitArgs) -> Result<(), Failure> {
     let image = args.images.first().map(PathBuf::as_path);
     let job = args.job(image, &args.run.output)?;
     output_folder::check(&job.claim)?;
-    let file = SettingsFile::read(&args.settings)?;
-    let target = read_target(args, image, &file)?;
+    let file = args.settings.read_file()?;
+    let target = read_target(args, image, file.as_ref())?;
     let start = match &args.resume {
         Some(file) => FitStart::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
-        None => FitStart::fresh(args, &file, &target)?,
+        None => FitStart::fresh(args, file.as_ref(), &target)?,
     };
-    let backend = backend_args(args, &file).open_to_render_2d(&start.render())?;
+    let backend = args.run.backend.open_to_render_2d(&start.render())?;
     let start = start.counted(&args.count, &target, &backend)?;
     fit(job, &target, start, &backend, args.film)
 }
 
-fn read_target(args: &FitArgs, image: Option<&Path>, file: &SettingsFile) -> Result<FitImage, Failure> {
+fn read_target(args: &FitArgs, image: Option<&Path>, file: Option<&FitSettings>) -> Result<FitImage, Failure> {
     image.map_or(Ok(()), memory::check_image)?;
-    Ok(FitImage::read(image, file.background(&args.settings))?)
-}
-
-/// The flags of the backend, or the machine that a settings file names.
-fn backend_args(args: &FitArgs, file: &SettingsFile) -> BackendArgs {
-    let (flags, machine) = (&args.run.backend, file.machine());
-    machine.map_or_else(|| flags.clone(), |machine| frontier_settings::backend(machine, flags))
+    Ok(FitImage::read(image, args.settings.behind(file))?)
 }
 
 /// Where a fit begins.
@@ -72,7 +65,7 @@ enum FitStart {
 
 impl FitStart {
     /// The start with the settings that flags and file ask for.
-    fn fresh(args: &FitArgs, file: &SettingsFile, target: &FitImage) -> Result<Self, Failure> {
+    fn fresh(args: &FitArgs, file: Option<&FitSettings>, target: &FitImage) -> Result<Self, Failure> {
         let mut settings = image_fit::settings(&args.settings, file, target)?;
         settings.render = args.run.effects.choice().for_training(&settings.render);
         Ok(Self::Fresh(Box::new(settings)))
@@ -206,8 +199,8 @@ mod tests {
         let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
         let target = FitImage::read(None, None).unwrap();
         let job = args.job(None, &output).unwrap();
-        let settings = image_fit::settings(&args.settings, &SettingsFile::None, &target).unwrap();
-        let wgpu = BackendArgs { backend: Wanted::Wgpu, ..BackendArgs::default() };
+        let settings = image_fit::settings(&args.settings, None, &target).unwrap();
+        let wgpu = crate::flags::backend::BackendArgs { backend: Wanted::Wgpu, ..Default::default() };
         let backend = wgpu.open().expect("`cargo xtask test` installs a driver");
         let failure = thread::scope(|scope| {
             scope.spawn(|| {

@@ -5,12 +5,12 @@ use std::fs;
 use gs_backend::Chosen;
 use gs_train::{FitSettings, Preset};
 
-use super::{FitArgs, FitStart, backend_args, command, film::Film, read_target, results::Results};
+use super::{FitArgs, FitStart, command, film::Film, read_target, results::Results};
 use crate::{
     failure::Failure,
     files::output_folder,
     image_fit::{
-        FitImage, FitSettingsArgs, SettingsFile,
+        FitImage, FitSettingsArgs,
         batch::{self, BatchImage, Done},
     },
     terminal::{
@@ -29,23 +29,23 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
         }
     }
     args.count.validate()?;
-    let file = SettingsFile::read(&args.settings)?;
+    let file = args.settings.read_file()?;
     for image in images {
         output_folder::check(&job_of(args, image)?.claim)?;
     }
-    let stand_in = FitStart::fresh(args, &file, &FitImage::stand_in(&images[0].file))?;
+    let stand_in = FitStart::fresh(args, file.as_ref(), &FitImage::stand_in(&images[0].file))?;
     let peak = |size| match &file {
-        SettingsFile::Fit(settings) => settings.peak_bytes(size),
-        _ => {
+        Some(settings) => settings.peak_bytes(size),
+        None => {
             let settings = FitSettings::from_preset(Preset::Standard, size, args.settings.gaussians, None);
             let FitSettingsArgs { loss, tune, .. } = args.settings;
             let chosen = settings.with(|s| (s.loss, s.tune) = (loss.unwrap_or(s.loss), tune.unwrap_or(s.tune)));
             chosen.peak_bytes(size)
         }
     };
-    let machine = (&backend_args(args, &file), &stand_in.render());
+    let machine = (&args.run.backend, &stand_in.render());
     batch::run(images, machine, args.run.json, AT_NEXT_STEP, peak, |image, on, interrupt| {
-        fit_one(args, image, &file, on, interrupt)
+        fit_one(args, image, file.as_ref(), on, interrupt)
     })
 }
 
@@ -57,7 +57,7 @@ fn job_of(args: &FitArgs, image: &BatchImage) -> Result<Job, Failure> {
 fn fit_one(
     args: &FitArgs,
     image: &BatchImage,
-    file: &SettingsFile,
+    file: Option<&FitSettings>,
     on: &Chosen,
     interrupt: &Interrupt,
 ) -> Result<Done<super::results::Summary>, Failure> {

@@ -1,5 +1,5 @@
-//! `gs frontier`: what accuracy costs in time for a scene on this machine, and the settings that
-//! keep a budget of either.
+//! `gs frontier`: what accuracy costs in time for a scene on this machine, and the flags that keep a
+//! budget of either.
 
 use std::path::PathBuf;
 
@@ -42,14 +42,14 @@ error is that of the worst channel of any pixel, not clamped, against the 64-bit
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
 change.
 
-With --max-error or --max-ms the answer is a settings file for gs render --settings and gs fit \
---settings: the fastest settings that are exact enough, or the most exact that are fast enough, of \
-all measured backends, verified on other views than those of the search. Among settings whose \
-times differ by less than the noise, the one with the lowest median is taken, and the answer says \
-so. The answer is printed on standard output, everything else on standard error.
+With --max-error or --max-ms the answer is flags for gs render: the fastest settings that are \
+exact enough, or the most exact that are fast enough, of all measured backends, verified on other \
+views than those of the search. Tunings and kernels that no flag chooses are left out. Among \
+settings whose times differ by less than the noise, the one with the lowest median is taken, and \
+the answer says so. The answer is printed on standard output, everything else on standard error.
 
-DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and \
-.png, error against time; and settings.toml with a budget.";
+DIR then holds frontier.csv, the table; frontier.json, the same with all times and the answer; and \
+frontier.svg and .png, error against time.";
 
 /// The flags of `gs frontier`.
 #[derive(Debug, Clone, Args)]
@@ -85,8 +85,8 @@ pub(crate) struct FrontierArgs {
     subject: SubjectArgs,
 }
 
-/// The files that are written or removed.
-const FILES: [&str; 5] = ["frontier.csv", "frontier.json", "frontier.svg", "frontier.png", "settings.toml"];
+/// The files that are written.
+const FILES: [&str; 4] = ["frontier.csv", "frontier.json", "frontier.svg", "frontier.png"];
 
 impl FrontierArgs {
     fn budget(&self) -> Option<Budget> {
@@ -176,12 +176,12 @@ where
     let failure = report.found.failure.take();
     let found = &report.found;
     let text = format!("{what}\n\n{found}");
-    match found.settings_file() {
+    match found.answer() {
         _ if args.json => output::json(&report),
         None => output::result(text),
-        Some(settings) => {
+        Some(flags) => {
             output::note(text);
-            output::file(settings.trim_end())
+            output::file(flags)
         }
     }?;
     if let Some(folder) = folder {
@@ -190,10 +190,6 @@ where
         folder.write_json("frontier.json", &report)?;
         folder.write("frontier.svg", svg)?;
         gs_io::write_png(folder.file("frontier.png"), &image)?;
-        match found.settings_file() {
-            Some(settings) => folder.write("settings.toml", settings)?,
-            None => folder.leave_out(["settings.toml"])?,
-        }
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
     // The frontier is printed and written even if the budget cannot be kept or verified.

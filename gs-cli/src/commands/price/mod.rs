@@ -27,7 +27,7 @@ use crate::{
         render_args::RenderArgs3d,
         values::{Size, ViewName, axis, canvas, whole},
     },
-    image_fit::{self, FitImage, FitSettingsArgs, SettingsFile, fit_image},
+    image_fit::{self, FitImage, FitSettingsArgs, fit_image},
     memory,
 };
 
@@ -174,7 +174,7 @@ impl Subject {
             None => {
                 let target = FitImage::read_to_fit_first(input)?;
                 let fit = FitSettingsArgs { gaussians: args.gaussians, ..fit };
-                let settings = image_fit::settings(&fit, &SettingsFile::None, &target)?;
+                let settings = image_fit::settings(&fit, None, &target)?;
                 let canvas = canvas(target.image.size(), args.seen.size)?;
                 (canvas, Scene2d::default(), settings.render, Some((target, settings)))
             }

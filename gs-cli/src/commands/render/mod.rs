@@ -10,9 +10,10 @@ use std::path::PathBuf;
 use clap::Args;
 use glam::Vec3;
 
-use gs_core::{Scene as _, counted};
+use gs_core::{RenderSettings, Scene as _, counted};
 use gs_io::{AnyScene, Extent, GsiFile, is_gsi, read_gsi};
-use gs_lab::price::FrontierSettings;
+use gs_lab::study::overrides;
+use toml::Table;
 
 use self::lod::Lod;
 use crate::{
@@ -21,8 +22,7 @@ use crate::{
     flags::{
         backend::BackendArgs,
         dataset::ReadingArgs,
-        effects_args::{EffectsArgs, EffectsChoice},
-        frontier_settings,
+        effects_args::EffectsArgs,
         render_args::RenderArgs3d,
         values::{Behind, Region, Size, ViewName, axis, whole},
     },
@@ -89,9 +89,10 @@ pub(crate) struct RenderArgs {
     /// stays below a pixel, or the smallest error that N allows; one choice for all frames
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..))]
     max_gaussians: Option<u32>,
-    /// Settings file of gs frontier, with accuracy, effects and backend; flags override it
-    #[arg(long, value_name = "FILE.toml")]
-    settings: Option<PathBuf>,
+    /// Cut-offs instead of the scene's, such as alpha-cut=0.001,alpha-max=0.999,transmittance-min=0;
+    /// gs frontier measures them
+    #[arg(long, value_name = "KEY=VALUE,...", value_parser = cutoffs, help_heading = "Rendering")]
+    accuracy: Option<Table>,
     #[command(flatten)]
     cameras: CameraArgs,
     #[command(flatten)]
@@ -106,21 +107,22 @@ impl RenderArgs {
     /// The files that the flags name for reading.
     fn inputs(&self) -> impl Iterator<Item = PathBuf> {
         let scene = scene::file_of(&self.scene);
-        [Some(scene), self.settings.clone(), self.cameras.path.clone()].into_iter().flatten()
+        [Some(scene), self.cameras.path.clone()].into_iter().flatten()
     }
 
-    /// The flags of the backend: those given, or those of the settings file.
-    fn backend(&self, frontier: Option<&FrontierSettings>) -> BackendArgs {
-        frontier.map_or_else(
-            || self.backend.clone(),
-            |frontier| frontier_settings::backend(&frontier.machine, &self.backend),
-        )
+    /// A scene's settings with the cut-offs that the flags ask for.
+    fn with_accuracy(&self, settings: RenderSettings) -> Result<RenderSettings, Failure> {
+        let Some(accuracy) = &self.accuracy else { return Ok(settings) };
+        let over = Table::from_iter([("accuracy".to_owned(), accuracy.clone().into())]);
+        let settings = overrides::applied_to(&settings, &over).map_err(|(_, problem)| problem);
+        let settings = settings.map_err(|problem| Failure::usage(problem).at("--accuracy"))?;
+        settings.validate().map_err(|error| Failure::usage(error).at("--accuracy"))?;
+        Ok(settings)
     }
+}
 
-    /// Which effects are simulated: the flag's, or those of the settings file.
-    fn effects(&self) -> EffectsChoice {
-        if self.settings.is_some() { self.effects.or_from_file() } else { self.effects.choice() }
-    }
+fn cutoffs(text: &str) -> Result<Table, &'static str> {
+    text.replace(',', "\n").parse().map_err(|_| "write KEY=VALUE, and commas between several")
 }
 
 /// The cameras of a 3D scene.

@@ -4,7 +4,6 @@ use glam::Vec2;
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, effects::RequiredEffects};
 use gs_io::{File2d, GsiFile, PngExtras, StoredImage, write_png_with};
-use gs_lab::price::FrontierSettings;
 use gs_train::draw_picture;
 
 use super::RenderArgs;
@@ -12,7 +11,7 @@ use crate::{
     failure::Failure,
     files::output_folder,
     flags::{
-        effects_args, frontier_settings,
+        effects_args,
         values::{Region, Size},
     },
     memory,
@@ -25,17 +24,14 @@ pub(super) fn run(args: &RenderArgs, mut picture: GsiFile) -> Result<(), Failure
     let canvas = canvas(&picture.colors, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     memory::check_picture(args.scene.display(), (canvas.width, canvas.height))?;
-    let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
-    if let Some(FrontierSettings { accuracy, .. }) = &frontier {
-        picture.colors.settings.accuracy = *accuracy;
-    }
+    picture.colors.settings = args.with_accuracy(picture.colors.settings)?;
     let File2d { scene, settings, .. } = &picture.colors;
-    let RequiredEffects { settings, decisions } = args.effects().choose(scene, &[canvas], settings)?;
+    let RequiredEffects { settings, decisions } = args.effects.choice().choose(scene, &[canvas], settings)?;
     picture.colors.settings = settings;
     if let Some(alpha) = &mut picture.alpha {
         alpha.settings = settings.on(alpha.settings.background_color());
     }
-    let backend = args.backend(frontier.as_ref()).open_to_render_2d(&settings)?;
+    let backend = args.backend.open_to_render_2d(&settings)?;
     let StoredImage { image, alpha, profile, .. } = draw_picture(&backend.rasterizer, &picture, &canvas).block_on()?;
     let extras = PngExtras { alpha: alpha.as_deref(), profile: profile.as_ref() };
     write_png_with(&args.output, &image, extras)?;

@@ -26,7 +26,7 @@ use crate::{
     },
     flags::{
         cameras::Home,
-        effects_args, frontier_settings,
+        effects_args,
         render_args::{self, why_empty},
         values::{Behind, Size},
     },
@@ -67,16 +67,11 @@ pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result
     // The faces of a panorama have about three times its pixels.
     let height = if args.cameras.panorama { height.saturating_mul(4) } else { height };
     memory::check_picture(args.scene.display(), (width, height))?;
-    let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
-    let backend = args.backend(frontier.as_ref()).open()?;
-    let render = file.render_settings(dataset.as_ref());
-    let render = frontier.map_or(render, |frontier| frontier.applied_to(render));
-    let RequiredEffects { settings, decisions } =
-        args.effects().choose(scene, &drawn, &args.render.applied_to(render))?;
+    let render = args.with_accuracy(args.render.settings(file, dataset.as_ref()))?;
+    let backend = args.backend.open()?;
+    let RequiredEffects { settings, decisions } = args.effects.choice().choose(scene, &drawn, &render)?;
     render_frames(args, &backend.rasterizer, scene, &cameras, &settings, claim)?;
-    if args.settings.is_none() {
-        args.render.note_guess(file);
-    }
+    args.render.note_guess(file);
     if let Some(effects) = effects_args::describe(&decisions).filter(|_| args.verbose) {
         output::note(effects);
     }

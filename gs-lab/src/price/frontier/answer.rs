@@ -1,7 +1,7 @@
-//! The answer to a budget: a settings file, with its measurements on the views of the search and on
-//! others.
+//! The answer to a budget: the flags of settings, with their measurements on the views of the search
+//! and on others.
 
-use gs_core::{counted, profile::Quantiles};
+use gs_core::{Accuracy, RenderSettings, counted, effects::Effect, profile::Quantiles};
 use serde::Serialize;
 
 use super::{
@@ -9,7 +9,6 @@ use super::{
     Frontier, Measured, Sweep,
     budget::{Budget, Choice, Missed, Verification},
 };
-use crate::error::Error;
 
 /// Settings that keep a budget.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -21,9 +20,11 @@ pub(crate) struct Answer {
     machine: String,
     #[serde(flatten)]
     choice: Choice,
-    /// The settings file.
+    /// The flags of `gs render` that choose them.
+    flags: String,
+    /// What was measured, as lines of comments, and the flags.
     #[serde(skip)]
-    pub(super) file: String,
+    pub(super) text: String,
 }
 
 impl Answer {
@@ -34,13 +35,31 @@ impl Answer {
         sweep: &Sweep<'_, S>,
         frontier: &Frontier,
         what: &str,
-    ) -> Result<Self, Error> {
+    ) -> Self {
         let row = &frontier.rows[choice.row];
         let comment = comment(budget, &choice, row, frontier.noise_of(&row.backend).factor, what);
         let comment: String = comment.lines().map(|line| format!("# {line}\n")).collect();
-        let file = comment + "\n" + &sweep.settings_of(row).to_toml()?;
-        Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice, file })
+        let flags = format!("{} {}", flags(&row.settings, &sweep.shown), row.flags.as_deref().unwrap_or_default());
+        let text = format!("{comment}{flags}");
+        Self { budget, settings: row.name(), machine: row.machine.clone(), choice, flags, text }
     }
+}
+
+/// The flags of `gs render` for settings that differ from the scene's `usual` ones.
+fn flags(settings: &RenderSettings, usual: &RenderSettings) -> String {
+    let cutoffs = |Accuracy { alpha_cut, alpha_max, transmittance_min, .. }: Accuracy| {
+        [("alpha-cut", alpha_cut), ("alpha-max", alpha_max), ("transmittance-min", transmittance_min)]
+    };
+    let changed = cutoffs(settings.accuracy).into_iter().zip(cutoffs(usual.accuracy)).filter(|(new, old)| new != old);
+    let changed: Vec<String> = changed.map(|((name, value), _)| format!("{name}={value}")).collect();
+    let mut flags = vec!["--effects all".to_owned()];
+    if !changed.is_empty() {
+        flags.push(format!("--accuracy {}", changed.join(",")));
+    }
+    let effects = Effect::OPTIONAL.into_iter().map(|effect| (effect, effect.value(&settings.effects)));
+    let others = effects.filter(|(effect, value)| *value != effect.value(&usual.effects));
+    flags.extend(others.map(|(effect, value)| format!("--{effect} {value}")));
+    flags.join(" ")
 }
 
 /// Why no settings keep the budget on the views of the search and on so many others, and what helps

@@ -67,14 +67,15 @@ impl Budget {
         }
     }
 
-    /// The rows that keep the budget by their own measurement, best first. Times decide by their
+    /// The rows that keep the budget by their own measurement and that flags choose, best first. Times decide by their
     /// medians, even within the noise, so that settings that are more exact than necessary are not
     /// preferred. Errors below a rounding are equal.
     fn ranked(self, frontier: &Frontier) -> Vec<usize> {
         let of = |row: &Measured| (row.median(), row.error.max);
         let is_kept = |&i: &usize| {
-            let (seconds, error) = of(&frontier.rows[i]);
-            frontier.rows[i].role != Role::Again && self.is_kept(error, seconds)
+            let row = &frontier.rows[i];
+            let (seconds, error) = of(row);
+            row.role != Role::Again && row.flags.is_some() && self.is_kept(error, seconds)
         };
         let mut rows: Vec<usize> = (0..frontier.rows.len()).filter(is_kept).collect();
         rows.sort_by(|&a, &b| {
@@ -149,6 +150,7 @@ mod tests {
         Measured {
             backend: "cpu".to_owned(),
             machine: "one thread".to_owned(),
+            flags: Some("--threads 1".to_owned()),
             candidate: 0,
             role: Role::Alone,
             changes: Vec::new(),
@@ -170,5 +172,8 @@ mod tests {
         assert_eq!(Budget::MaxError(2e-3).ranked(&frontier), [1, 2, 0, 3]);
         assert_eq!(Budget::MaxError(5e-4).ranked(&frontier), [0, 3]);
         assert_eq!(Budget::MaxSeconds(2.0).ranked(&frontier), [0, 2, 1]);
+        let mut no_flags = frontier.clone();
+        no_flags.rows[2].flags = None;
+        assert_eq!(Budget::MaxSeconds(2.0).ranked(&no_flags), [0, 1]);
     }
 }

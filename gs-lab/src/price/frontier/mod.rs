@@ -7,8 +7,7 @@
 //! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
 //! settings. Differences in time below the difference of these two are noise. For a [`Budget`], the
 //! search picks the fastest settings that are exact enough, or the most exact that are fast enough,
-//! and verifies them on views that it has not used. [`FrontierSettings`] are these settings in a
-//! file.
+//! and verifies them on views that it has not used.
 //!
 //! The reference picture has the effects of the default settings and no cut-offs: no α cut, no
 //! early stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients
@@ -22,7 +21,6 @@ mod outcome;
 mod pareto;
 mod predict;
 mod setting;
-pub(crate) mod settings_file;
 mod sweep;
 #[cfg(test)]
 mod tests;
@@ -42,10 +40,7 @@ use super::{machine::candidates, reference::Verifiable};
 use crate::error::Error;
 
 pub(crate) use self::setting::Change;
-pub use self::{
-    budget::Budget,
-    settings_file::{FrontierMachine, FrontierSettings},
-};
+pub use self::budget::Budget;
 
 /// Share of the time for timing that verification takes.
 const VERIFYING: f64 = 0.1;
@@ -94,10 +89,7 @@ where
             let others = counted(unseen.len(), "view");
             watch(&format!("verifying on {others} that the search did not use"));
             match budget.choose(&sweep, &frontier, unseen, VERIFYING * seconds) {
-                Ok(Ok(choice)) => match Answer::new(budget, choice, &sweep, &frontier, what) {
-                    Ok(found) => answer = Some(found),
-                    Err(error) => failure = Some(error),
-                },
+                Ok(Ok(choice)) => answer = Some(Answer::new(budget, choice, &sweep, &frontier, what)),
                 Ok(Err(why)) => missed = Some(answer::missed(budget, why, unseen.len())),
                 Err(error) => failure = Some(error.into()),
             }
@@ -141,9 +133,9 @@ impl FrontierReport {
         Ok((figure.svg_file()?, figure.image()?))
     }
 
-    /// The settings file that keeps the budget.
-    pub fn settings_file(&self) -> Option<&str> {
-        Some(&self.answer.as_ref()?.file)
+    /// The flags of `gs render` for the settings that keep the budget, below comments with what was measured.
+    pub fn answer(&self) -> Option<&str> {
+        Some(&self.answer.as_ref()?.text)
     }
 }
 

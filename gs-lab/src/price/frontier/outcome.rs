@@ -46,6 +46,9 @@ pub(crate) struct Measured {
     pub(crate) backend: String,
     /// The machine: "cpu (avx512, 2 threads)".
     pub(crate) machine: String,
+    /// The flags of `gs` that choose it; `None` where none do.
+    #[serde(skip)]
+    pub(crate) flags: Option<String>,
     /// Index of the candidate.
     #[serde(skip)]
     pub(crate) candidate: usize,

@@ -1,6 +1,6 @@
 //! The search for the frontier.
 
-use gs_core::{Accuracy, Error, RenderSettings, Scene, effects::Order};
+use gs_core::{Accuracy, Error, RenderSettings, Scene};
 
 use super::{
     super::{
@@ -14,7 +14,6 @@ use super::{
     pareto::frontier_of,
     predict::{Predicted, combinations},
     setting::{Setting, alternatives},
-    settings_file::{FrontierEffects, FrontierSettings},
 };
 use crate::result::median;
 
@@ -60,20 +59,13 @@ impl<S: Verifiable> Sweep<'_, S> {
         (0..self.candidates.len()).filter(is_first).collect()
     }
 
-    /// The settings file of a row, with the effects that a 3D scene has.
-    pub(super) fn settings_of(&self, row: &Measured) -> FrontierSettings {
-        let RenderSettings { accuracy, effects, .. } = row.settings;
-        let is_3d = self.shown.effects.order != Order::Index;
-        let machine = self.candidates[row.candidate].machine.clone();
-        FrontierSettings { accuracy, effects: is_3d.then(|| FrontierEffects::of(&effects)), machine }
-    }
-
     /// A row that is not measured yet.
     fn row(&self, candidate: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Measured {
-        let Candidate { backend, name, change, .. } = &self.candidates[candidate];
+        let Candidate { backend, name, change, flags, .. } = &self.candidates[candidate];
         Measured {
             backend: backend.clone(),
             machine: name.clone(),
+            flags: flags.clone(),
             candidate,
             role,
             changes: change.iter().cloned().chain(changes.iter().map(Setting::change)).collect(),

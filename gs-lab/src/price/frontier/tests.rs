@@ -4,7 +4,7 @@ use std::cell::Cell;
 
 use super::{
     super::{Loaded, Renderer, machine::Candidate, noise::TimeComparison},
-    Budget, Change, Frontier, FrontierMachine, Role, Search, SearchLimits, Sweep,
+    Budget, Change, Frontier, Role, Search, SearchLimits, Sweep,
     budget::Missed,
     search,
 };
@@ -95,7 +95,7 @@ fn candidate<'a>(backend: &str, value: Option<&str>, renderer: impl Renderer<Can
         backend: backend.to_owned(),
         name: "one thread".to_owned(),
         change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
-        machine: FrontierMachine::default(),
+        flags: Some(String::new()),
         renderer: Box::new(renderer),
     }
 }
@@ -228,7 +228,7 @@ fn a_failed_verification_keeps_the_measured_frontier() {
     let error = failed.failure.as_ref().expect("a picture of no pixels").to_string();
     assert!(error.contains("0x48") || error.contains("0×48"), "{error}");
     assert_eq!(serde_json::to_value(&failed).unwrap()["failure"], error);
-    assert!(failed.settings_file().is_none() && failed.missed.is_none());
+    assert!(failed.answer().is_none() && failed.missed.is_none());
     assert!(failed.csv().contains("no cut-offs") && failed.to_string().contains("alpha cut"), "{failed}");
     assert!(report(None).failure.is_none(), "without a budget nothing is verified");
 }
