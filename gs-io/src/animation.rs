@@ -17,9 +17,6 @@ pub struct Animation {
     pub frames: u32,
     /// Frames per second, at least 1.
     pub fps: u16,
-    /// Time for which the last frame stays before the animation begins again, s; 0 is that of any
-    /// other frame.
-    pub last_s: u16,
 }
 
 /// Writes an 8-bit RGB animated PNG that repeats forever, atomically; values are converted as by
@@ -34,7 +31,7 @@ pub fn write_animation<E: From<Error>>(
     animation: Animation,
     mut frame: impl FnMut(u32) -> Result<Image, E>,
 ) -> Result<(), E> {
-    let Animation { width, height, frames, fps, last_s } = animation;
+    let Animation { width, height, frames, fps } = animation;
     let mut failed = None;
     let written = write_atomically(path, |file| {
         let mut encoder = png::Encoder::new(file, width, height);
@@ -55,9 +52,6 @@ pub fn write_animation<E: From<Error>>(
                     return Err(io::Error::other("a frame could not be made"));
                 }
             };
-            if number + 1 == frames && last_s > 0 {
-                writer.set_frame_delay(last_s, 1)?;
-            }
             writer.write_image_data(&image.to_8_bits())?;
         }
         Ok(writer.finish()?)
@@ -72,7 +66,7 @@ pub fn write_animation<E: From<Error>>(
 mod tests {
     use super::*;
 
-    const TWO: Animation = Animation { width: 4, height: 3, frames: 2, fps: 24, last_s: 0 };
+    const TWO: Animation = Animation { width: 4, height: 3, frames: 2, fps: 24 };
 
     fn grey(value: f32) -> Image {
         Image::filled(4, 3, [value; 3]).unwrap()

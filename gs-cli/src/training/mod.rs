@@ -77,8 +77,8 @@ where
     AnyRasterizer: Optimizer<S>,
 {
     /// A run beside others, which prints problems only.
-    pub(crate) fn silently(interrupt: &'a Interrupt, pauses: Option<&'a dyn Pauses<S>>) -> Self {
-        Self { display: Display::silent(), interrupt, pauses }
+    pub(crate) fn silently(interrupt: &'a Interrupt) -> Self {
+        Self { display: Display::silent(), interrupt, pauses: None }
     }
 }
 

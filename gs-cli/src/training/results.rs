@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// The files of a run's results, in which the files of another kind of run must not stay.
-pub(crate) const FILES: [&str; 11] = [
+pub(crate) const FILES: [&str; 10] = [
     "scene.gs2d.safetensors",
     "scene.ply",
     "reconstruction.png",
@@ -28,7 +28,6 @@ pub(crate) const FILES: [&str; 11] = [
     "metrics.csv",
     "metrics.part.csv",
     "curve.png",
-    "growth.apng",
     "settings.toml",
     "summary.json",
 ];

@@ -97,7 +97,7 @@ fn animated_webp() -> Vec<u8> {
 fn animation_reads_first_frame() {
     let place = folder();
     let path = place.path().join("a.png");
-    let animation = Animation { width: 6, height: 4, frames: 2, fps: 10, last_s: 0 };
+    let animation = Animation { width: 6, height: 4, frames: 2, fps: 10 };
     let frame = |number: u32| Ok::<_, gs_io::Error>(Image::filled(6, 4, [1.0 - number as f32, 0.5, 0.0]).unwrap());
     write_animation(&path, animation, frame).unwrap();
     let apng = fs::read(&path).unwrap();

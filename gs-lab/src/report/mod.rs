@@ -15,7 +15,7 @@ use std::fs;
 use rayon::prelude::*;
 
 pub use self::{
-    figure::{captioned, curve, ellipses},
+    figure::{curve, ellipses},
     findings::Findings,
 };
 pub(crate) use self::{

@@ -21,7 +21,6 @@ makes one of any scene
   metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; \
 metrics.part.csv until the end
   curve.png               count, loss and PSNR over the steps
-  growth.apng             only with --film: the fit as an animation, with the number of Gaussians
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
@@ -86,9 +85,6 @@ pub(crate) struct FitArgs {
     pub(crate) count: CountArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
-    /// Also write growth.apng, an animation of the fit in about 40 frames of at most 512 px
-    #[arg(long, help_heading = None::<&str>)]
-    pub(crate) film: bool,
     /// Resume a fit from its checkpoint, given the same image; the result is the same as without
     /// the interruption
     #[arg(long, value_name = "FILE", conflicts_with_all = IN_CHECKPOINT, conflicts_with = "effects", help_heading = "Checkpoints")]

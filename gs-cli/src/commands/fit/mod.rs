@@ -5,7 +5,6 @@
 
 mod arguments;
 mod count;
-mod film;
 mod results;
 mod several;
 
@@ -17,7 +16,7 @@ use gs_io::{Checkpoint, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, SettingsFile as _, Trainer};
 
 pub(crate) use self::arguments::FitArgs;
-use self::{arguments::CountArgs, film::Film, results::Results};
+use self::{arguments::CountArgs, results::Results};
 use crate::{
     failure::Failure,
     files::output_folder,
@@ -48,7 +47,7 @@ fn run_one(args: &FitArgs) -> Result<(), Failure> {
     };
     let backend = args.run.backend.open_to_render_2d(&start.render())?;
     let start = start.counted(&args.count, &target, &backend)?;
-    fit(job, &target, start, &backend, args.film)
+    fit(job, &target, start, &backend)
 }
 
 fn read_target(args: &FitArgs, image: Option<&Path>, file: Option<&FitSettings>) -> Result<FitImage, Failure> {
@@ -119,16 +118,13 @@ impl FitStart {
     }
 }
 
-fn fit(job: Job, target: &FitImage, start: FitStart, backend: &Chosen, films: bool) -> Result<(), Failure> {
+fn fit(job: Job, target: &FitImage, start: FitStart, backend: &Chosen) -> Result<(), Failure> {
     let (trainer, log) = start.begin(&backend.rasterizer, target)?;
     let command = command(target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;
     announce(target, run.folder.path(), backend, &trainer);
-    let film = films.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;
-    let film = film.as_ref();
-    let results = Results { run: &run, target, backend, film };
-    let pauses = film.map(Film::as_pauses);
-    training::run(&run, checkpoints, (trainer, log), pauses, |trainer, log, points| results.write(trainer, log, points))
+    let results = Results { run: &run, target, backend };
+    training::run(&run, checkpoints, (trainer, log), None, |trainer, log, points| results.write(trainer, log, points))
 }
 
 /// How to reduce the memory of a fit.
@@ -211,7 +207,7 @@ mod tests {
                 gpu.lose_device();
             });
             let start = FitStart::Fresh(Box::new(settings));
-            fit(job, &target, start, &backend, false).unwrap_err()
+            fit(job, &target, start, &backend).unwrap_err()
         });
         let line = failure.line().unwrap();
         assert!(line.starts_with("error: backend wgpu: ") && line.contains("the device was lost"), "{line}");

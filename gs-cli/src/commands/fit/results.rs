@@ -11,7 +11,6 @@ use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{FitSummary, MetricsLog, SettingsFile as _, Trainer, Viewable, viewable};
 use serde::Serialize;
 
-use super::film::Film;
 use crate::{
     failure::Failure,
     flags::{backend::on_cpu, effects_args},
@@ -81,8 +80,6 @@ pub(crate) struct Results<'a> {
     pub(super) run: &'a Run,
     pub(super) target: &'a FitImage,
     pub(super) backend: &'a Chosen,
-    /// The film of the fit, if it has one.
-    pub(super) film: Option<&'a Film<'a>>,
 }
 
 impl Results<'_> {
@@ -130,10 +127,6 @@ impl Results<'_> {
         if let Ok(Renderings { reconstruction, .. }) = renderings {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
-        tried.push(match self.film {
-            Some(film) => film.write(&self.run.folder.file("growth.apng"), trainer),
-            None => self.run.folder.leave_out(["growth.apng"]),
-        });
         // An existing file is of an earlier training.
         tried.push(self.run.folder.leave_out(["evaluation.json"]));
         let summary = fit.and_then(|fit| self.summary(fit, &file));

@@ -5,7 +5,7 @@ use std::fs;
 use gs_backend::Chosen;
 use gs_train::{FitSettings, Preset};
 
-use super::{FitArgs, FitStart, command, film::Film, read_target, results::Results};
+use super::{FitArgs, FitStart, command, read_target, results::Results};
 use crate::{
     failure::Failure,
     files::output_folder,
@@ -68,10 +68,8 @@ fn fit_one(
     let (trainer, log) = start.begin(&on.rasterizer, &target)?;
     let command = command(&target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;
-    let film = args.film.then(|| Film::begin(&on.rasterizer, &trainer)).transpose()?;
-    let film = film.as_ref();
-    let results = Results { run: &run, target: &target, backend: on, film };
-    let watched = Watched::silently(interrupt, film.map(Film::as_pauses));
+    let results = Results { run: &run, target: &target, backend: on };
+    let watched = Watched::silently(interrupt);
     let ended = training::complete(watched, &run.folder, checkpoints, (trainer, log), |trainer, log, points| {
         results.write(trainer, log, points)
     })?;

@@ -245,7 +245,7 @@ fn render_frames(
     let output = &args.output;
     match (claim, Output::of(args, cameras.len())?) {
         (None, Output::Animation) => {
-            let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps, last_s: 0 };
+            let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
             write_animation(output, animation, |number| Ok::<_, Failure>(frame(&cameras[number as usize])?.0))?;
         }
         (None, _) => write(output, frame(&cameras[0])?)?,

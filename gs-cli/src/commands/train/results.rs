@@ -221,7 +221,7 @@ impl Results<'_> {
                 .map_err(Failure::failed)
                 .and_then(|text| self.run.folder.write("settings.toml", &text)),
             // Existing files are of an earlier fit.
-            self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png", "growth.apng"]),
+            self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png"]),
             self.write_cameras(trainer),
             match !self.run.job.pictures {
                 true => self.run.folder.leave_out(["ellipses.png", "curve.png"]),

@@ -8,7 +8,6 @@
 //! licence), so that pictures are the same on every machine.
 
 mod axis;
-mod caption;
 pub mod curve;
 mod draw;
 pub mod ellipses;
@@ -17,7 +16,6 @@ mod surface;
 use std::sync::Once;
 
 pub(crate) use self::axis::grouped;
-pub use self::caption::captioned;
 
 use crate::result::Interval;
 use gs_core::Image;
