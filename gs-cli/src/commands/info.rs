@@ -208,7 +208,7 @@ fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
     for (name, value) in metadata {
         let name = printable(name);
         if name == "metrics" {
-            let _ = writeln!(text, "{name:<20}{}", counted(value.lines().skip(1).count(), "row"));
+            let _ = writeln!(text, "{name:<20}{}", counted(value.matches("[[row]]").count(), "row"));
             continue;
         }
         for (i, line) in value.lines().enumerate() {

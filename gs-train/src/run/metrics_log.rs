@@ -7,7 +7,7 @@ use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    checkpoint::step_of,
+    checkpoint::{step_of, table, to_table},
     clamped::Clamped,
     observer::{Control, Observer, Progress},
     recovery::FreshStart,
@@ -18,7 +18,7 @@ use crate::error::Error;
 const KEY: &str = "metrics";
 
 /// Largest number of rows in a checkpoint, the last ones; a file's metadata must stay small.
-const MOST_KEPT_ROWS: usize = 50_000;
+const MOST_KEPT_ROWS: usize = 20_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
@@ -100,9 +100,15 @@ impl MetricsLog {
     /// # Errors
     /// [`Error::Checkpoint`] where the rows cannot be those of its run.
     pub fn resumed(self, metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
-        let step = step_of(metadata)?;
-        let rows = metadata.get(KEY).map_or(Ok(Vec::new()), |csv| rows_of(csv, step))?;
-        Ok(Self { rows, ..self })
+        let Kept { row: rows } = if metadata.contains_key(KEY) { table(metadata, KEY)? } else { Kept::default() };
+        let last_step = step_of(metadata)?;
+        let is_in_order = rows.is_sorted_by(|before, row| before.step < row.step);
+        match rows.last() {
+            Some(last) if !is_in_order || last.step > last_step => {
+                Err(Error::Checkpoint(format!("the rows of its `{KEY}` are not those of a run at step {last_step}")))
+            }
+            _ => Ok(Self { rows, ..self }),
+        }
     }
 
     /// The rows whose loss has arrived.
@@ -113,13 +119,13 @@ impl MetricsLog {
     /// The table as comma-separated values with a line of headings. The PSNR of equal images is
     /// `inf`; a quality that was not measured is an empty cell.
     pub fn to_csv(&self) -> String {
-        csv(&self.rows, Digits::Shown)
+        format!("{HEADINGS}\n{}", self.csv_from(0))
     }
 
     /// The lines of [`Self::to_csv`] from row `first` on, without headings, to append to a table
     /// with the earlier rows.
     pub fn csv_from(&self, first: usize) -> String {
-        self.rows.iter().skip(first).map(|row| line(row, Digits::Shown)).collect()
+        self.rows.iter().skip(first).map(line).collect()
     }
 
     fn is_due(&self, progress: &Progress) -> bool {
@@ -133,34 +139,20 @@ impl MetricsLog {
     }
 }
 
-/// How many digits a table has of times and qualities.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Digits {
-    /// Those that say something.
-    Shown,
-    /// As many as it takes to read the same number again.
-    All,
-}
-
-fn csv(rows: &[MetricsRow], digits: Digits) -> String {
-    let mut csv = format!("{HEADINGS}\n");
-    csv.extend(rows.iter().map(|row| line(row, digits)));
-    csv
+/// The rows in a checkpoint.
+#[derive(Default, Serialize, Deserialize)]
+struct Kept {
+    row: Vec<MetricsRow>,
 }
 
 /// A row with its line break.
-fn line(row: &MetricsRow, digits: Digits) -> String {
+fn line(row: &MetricsRow) -> String {
     let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, fresh_start } = row;
     let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
     let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
     let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
-    let number = |value: f64, places: usize| match digits {
-        Digits::Shown => format!("{value:.places$}"),
-        Digits::All => value.to_string(),
-    };
-    let seconds = number(*seconds, 6);
-    let l1 = l1.map_or_else(String::new, |l1| number(l1, 7));
-    let psnr = psnr.map_or_else(String::new, |psnr| number(psnr, 4));
+    let l1 = l1.map_or_else(String::new, |l1| format!("{l1:.7}"));
+    let psnr = psnr.map_or_else(String::new, |psnr| format!("{psnr:.4}"));
     let culled = culled.map_or_else(
         || ",,,,".to_owned(),
         |Culled { not_finite, near, degenerate, transparent, outside }| {
@@ -171,69 +163,9 @@ fn line(row: &MetricsRow, digits: Digits) -> String {
         clamped.map_or_else(|| ",".to_owned(), |Clamped { smallest, largest }| format!("{smallest},{largest}"));
     let began_again = fresh_start.map_or_else(|| ",".to_owned(), |start| format!("{},{}", start.loss, start.first));
     format!(
-        "{step},{seconds},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
+        "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
          {loss},{l1},{psnr},{culled},{clamped},{began_again}\n"
     )
-}
-
-/// The rows of a table, which must be in order and not beyond `last_step`.
-fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
-    let wrong = |line: usize, what: &str| Error::Checkpoint(format!("line {line} of its `{KEY}` {what}"));
-    let mut lines = csv.lines();
-    if lines.next() != Some(HEADINGS) {
-        return Err(wrong(1, "does not name the columns of a table of metrics"));
-    }
-    let mut rows: Vec<MetricsRow> = Vec::new();
-    for (line, text) in lines.enumerate().map(|(i, text)| (i + 2, text)) {
-        let cells: Vec<&str> = text.split(',').collect();
-        let row = row_of(&cells).ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
-        if rows.last().is_some_and(|before| before.step >= row.step) || row.step > last_step {
-            return Err(wrong(line, &format!("is out of order: step {} of a fit at step {last_step}", row.step)));
-        }
-        rows.push(row);
-    }
-    Ok(rows)
-}
-
-fn row_of(cells: &[&str]) -> Option<MetricsRow> {
-    let (
-        &[step, seconds, count, cloned, split, seeded, transparent, too_large, not_finite, unimportant, loss, l1, psnr],
-        measurements,
-    ) = cells.split_first_chunk::<13>()?;
-    let whole = |cell: &str| cell.parse::<u32>().ok();
-    let measured = |cell: &str| if cell.is_empty() { Some(None) } else { cell.parse().ok().map(Some) };
-    let edits = EditCounts {
-        cloned: whole(cloned)?,
-        split: whole(split)?,
-        seeded: whole(seeded)?,
-        pruned_transparent: whole(transparent)?,
-        pruned_too_large: whole(too_large)?,
-        pruned_not_finite: whole(not_finite)?,
-        pruned_unimportant: whole(unimportant)?,
-    };
-    let (seconds, loss) = (seconds.parse().ok()?, loss.parse().ok()?);
-    let (l1, psnr) = (measured(l1)?, measured(psnr)?);
-    let (measurements, fresh_start) = measurements.split_first_chunk::<7>()?;
-    let (culled, clamped) = match *measurements {
-        ["", "", "", "", "", "", ""] => (None, None),
-        [not_finite, near, degenerate, transparent, outside, smallest, largest] => {
-            let culled = Culled {
-                not_finite: whole(not_finite)?,
-                near: whole(near)?,
-                degenerate: whole(degenerate)?,
-                transparent: whole(transparent)?,
-                outside: whole(outside)?,
-            };
-            (Some(culled), Some(Clamped { smallest: whole(smallest)?, largest: whole(largest)? }))
-        }
-    };
-    let (step, count) = (whole(step)?, whole(count)?);
-    let fresh_start = match *fresh_start {
-        ["", ""] => None,
-        [loss, first] => Some(FreshStart { step, loss: loss.parse().ok()?, first: first.parse().ok()? }),
-        _ => return None,
-    };
-    Some(MetricsRow { step, seconds, count, edits, loss, l1, psnr, culled, clamped, fresh_start })
 }
 
 impl Observer for MetricsLog {
@@ -272,7 +204,7 @@ impl Observer for MetricsLog {
 
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let kept = &self.rows[self.rows.len().saturating_sub(MOST_KEPT_ROWS)..];
-        checkpoint.metadata.insert(KEY.to_owned(), csv(kept, Digits::All));
+        checkpoint.metadata.insert(KEY.to_owned(), to_table(KEY, &Kept { row: kept.to_vec() })?);
         Ok(())
     }
 }
@@ -295,35 +227,41 @@ mod tests {
         MetricsRow { step, seconds, count: 20 + step, edits, loss, l1, psnr, culled, clamped, fresh_start }
     }
 
-    #[test]
-    fn rows_come_back_from_their_table() {
-        let rows: Vec<MetricsRow> = (1..4).map(row).collect();
-        let all = |rows: &[MetricsRow]| csv(rows, Digits::All);
-        assert_eq!(rows_of(&all(&rows), 3).unwrap(), rows);
-        assert_eq!(rows_of(&all(&[]), 0).unwrap(), []);
-        let shown = csv(&rows, Digits::Shown);
-        assert!(shown.contains("\n1,0.333333,") && shown.contains(",0.3000000,33.3333,"), "{shown}");
-        assert_eq!(csv(&rows_of(&all(&rows), 3).unwrap(), Digits::Shown), shown);
-        let log = MetricsLog { rows, ..MetricsLog::new(1) };
-        assert_eq!(
-            log.csv_from(1) + &log.csv_from(9),
-            log.to_csv().lines().skip(2).map(|l| format!("{l}\n")).collect::<String>()
-        );
+    /// The log of a checkpoint at a step that has these rows.
+    fn resumed(step: u32, rows: &str) -> Result<MetricsLog, Error> {
+        let metadata = [("step", step.to_string()), (KEY, rows.to_owned())];
+        MetricsLog::new(1).resumed(&metadata.map(|(key, value)| (key.to_owned(), value)).into())
+    }
+
+    fn kept(rows: &[MetricsRow]) -> String {
+        to_table(KEY, &Kept { row: rows.to_vec() }).unwrap()
     }
 
     #[test]
-    fn a_table_of_another_fit_is_refused() {
-        let good = csv(&[row(1), row(2)], Digits::All);
+    fn rows_come_back_from_a_checkpoint_with_all_digits() {
+        let rows: Vec<MetricsRow> = (1..4).map(row).collect();
+        assert_eq!(resumed(3, &kept(&rows)).unwrap().rows(), rows);
+        assert!(resumed(0, &kept(&[])).unwrap().rows().is_empty());
+    }
+
+    #[test]
+    fn the_table_has_the_digits_that_say_something() {
+        let log = MetricsLog { rows: (1..4).map(row).collect(), ..MetricsLog::new(1) };
+        let shown = log.to_csv();
+        assert!(shown.contains("\n1,0.333333,") && shown.contains(",0.3000000,33.3333,"), "{shown}");
+        let after_first: String = shown.lines().skip(2).map(|line| format!("{line}\n")).collect();
+        assert_eq!(log.csv_from(1) + &log.csv_from(9), after_first);
+    }
+
+    #[test]
+    fn rows_of_another_fit_are_refused() {
+        let good = [row(1), row(2)];
         for (bad, expected) in [
-            (good.replace("loss", "cost"), "line 1"),
-            (String::new(), "line 1"),
-            (good.clone() + "3,x\n", "line 4 of its `metrics` is no row"),
-            (good.clone() + "2,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,\n", "out of order"),
-            (good.clone() + "3,0.1,1,0,0,0,0,0,0,0,0.5,,blur,,,,,,,,,\n", "line 4"),
-            (good.clone() + "10,0.1,1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,\n", "step 10 of a fit at step 9"),
-            (good + "3,0.1,-1,0,0,0,0,0,0,0,0.5,,,,,,,,,,,\n", "line 4"),
+            ("[[row]]\nstep = 'x'".to_owned(), "its `metrics`: "),
+            (kept(&[good[0], good[1], good[1]]), "not those of a run at step 9"),
+            (kept(&[row(10)]), "not those of a run at step 9"),
         ] {
-            let message = rows_of(&bad, 9).unwrap_err().to_string();
+            let message = resumed(9, &bad).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
     }
