@@ -69,9 +69,9 @@ pub use crate::{
         flat_scene, is_gsi, read_2d, read_gsi, write_2d, write_ply,
     },
     scene3d::{
-        ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Parts3d, Rounding, SpzOptions,
-        SpzVersion, StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene,
-        read_3d, transform_scene, write_3d, write_parts_3d, writes_parts_3d,
+        ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, Parts3d, Rounding, SpzVersion, StreamedSog,
+        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d, transform_scene,
+        write_3d, write_parts_3d, writes_parts_3d,
     },
     text::utf8_text,
     world_frame::WorldFrame,

@@ -9,14 +9,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args};
 use gs_core::{
     Scene, Scene3d, counted,
     examination::{self, Repair},
 };
 use gs_io::{
-    AnyScene, ConversionLoss, Coordinates, File3d, Format3d, GltfBuffer, Rounding, SCENE_EXTENSION, SceneFile,
-    SpzOptions, SpzVersion, TrainedWith, Values, WorldFrame, WriteOptions3d, dataset::Dataset,
+    AnyScene, ConversionLoss, Coordinates, File3d, Format3d, Rounding, SCENE_EXTENSION, SceneFile, SpzVersion,
+    TrainedWith, Values, WorldFrame, WriteOptions3d, dataset::Dataset,
 };
 use serde::Serialize;
 
@@ -27,7 +27,7 @@ use self::{
 use crate::{
     failure::Failure,
     files::{output_folder, scene},
-    flags::values::whole,
+    flags::values::{by_name, whole},
     terminal::output,
 };
 
@@ -56,11 +56,8 @@ pub(crate) struct ConvertArgs {
     ))]
     to: PathBuf,
     /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
-    #[arg(long, value_name = "VERSION", default_value = "4")]
-    spz_version: Version,
-    /// Where to put the numbers of a .gltf
-    #[arg(long, value_name = "PLACE", default_value = "inside")]
-    gltf_buffer: Buffer,
+    #[arg(long, value_name = "VERSION", value_parser = by_name::<SpzVersion>(), default_value_t)]
+    spz_version: SpzVersion,
     /// Reduce a 3D scene to N Gaussians: those that contribute least to the views of the data set, or
     /// to a ring of cameras, are merged into neighbours or removed; prints what that costs in dB
     #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
@@ -68,8 +65,8 @@ pub(crate) struct ConvertArgs {
     /// Coordinates of the file: those of the scene, or those of the world of its data set, from which
     /// training may have moved the scene. Far from the world's origin, only PLY (means of 64 bits) and
     /// glTF (a node) hold the latter
-    #[arg(long, value_name = "COORDINATES", default_value = "scene")]
-    frame: Frame,
+    #[arg(long, value_name = "COORDINATES", value_parser = by_name::<Coordinates>(), default_value_t)]
+    frame: Coordinates,
     /// Leave out Gaussians that cannot be drawn or that the format cannot hold, and print how many; gs
     /// doctor shows which and why
     #[arg(long)]
@@ -79,28 +76,6 @@ pub(crate) struct ConvertArgs {
     json: bool,
     #[command(flatten)]
     quality: QualityArgs,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Version {
-    #[value(name = "3")]
-    V3,
-    #[value(name = "4")]
-    V4,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Frame {
-    Scene,
-    World,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Buffer {
-    /// Into the JSON as base64
-    Inside,
-    /// Into a .bin of the same name
-    Beside,
 }
 
 /// What `gs convert --json` prints.
@@ -189,7 +164,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         None => None,
     };
     let options = options(args, file.trained_with);
-    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
+    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree));
     beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let File3d { scene, .. } = &file;
     let written = gs_io::write_3d(&args.to, scene, &options).map_err(|error| match error {
@@ -203,14 +178,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         false => None,
     };
     // A format without a frame was read in the coordinates of the world.
-    if let Some(after) = after.as_mut().filter(|_| matches!(args.frame, Frame::World)) {
+    if let Some(after) = after.as_mut().filter(|_| args.frame == Coordinates::World) {
         after.move_to(options.trained_with.frame);
     }
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
     let sorted = written.order.map(|order| in_order(scene, &order));
     let before_rounding = sorted.as_ref().unwrap_or(scene);
-    let frame = if matches!(args.frame, Frame::World) { WorldFrame::WORLD } else { file.trained_with.frame };
+    let frame = if args.frame == Coordinates::World { WorldFrame::WORLD } else { file.trained_with.frame };
     let conversion = Conversion {
         read: Side::new(&path, file.format, file.bytes, all),
         written: Side::new(&args.to, written.format, bytes, scene.len()),
@@ -255,20 +230,8 @@ fn in_order(scene: &Scene3d, order: &[u32]) -> Scene3d {
 fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
     WriteOptions3d::default().with(|s| {
         s.trained_with = trained_with;
-        s.coordinates = match args.frame {
-            Frame::Scene => Coordinates::Scene,
-            Frame::World => Coordinates::World,
-        };
-        s.spz = SpzOptions::default().with(|s| {
-            s.version = match args.spz_version {
-                Version::V3 => SpzVersion::V3,
-                Version::V4 => SpzVersion::V4,
-            }
-        });
-        s.gltf_buffer = match args.gltf_buffer {
-            Buffer::Inside => GltfBuffer::Inside,
-            Buffer::Beside => GltfBuffer::Beside,
-        };
+        s.coordinates = args.frame;
+        s.spz_version = args.spz_version;
     })
 }
 

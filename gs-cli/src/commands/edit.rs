@@ -271,7 +271,7 @@ fn as_a_whole(args: &EditArgs, mut inputs: Vec<PathBuf>) -> Result<Report, Failu
         }
     }
     let options = WriteOptions3d::default().with(|s| s.trained_with = file.trained_with);
-    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
+    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree));
     beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let written = gs_io::write_3d(&args.to, &file.scene, &options).map_err(Failure::of_scene)?;
     Ok(work.report(args, written))

@@ -8,7 +8,7 @@ use super::{
     Encoded3d, File3d, Format3d,
     foreign::has_name,
     gltf, ksplat,
-    options::{GltfBuffer, WriteOptions3d},
+    options::WriteOptions3d,
     ply, sog,
     source::Source,
     splat, spz,
@@ -44,7 +44,7 @@ pub(super) struct Row {
     pub(super) read: fn(&Source<'_>, Format3d) -> Result<File3d, Error>,
     pub(super) encode: Encode,
     /// The further files that writing a scene of an SH degree to a path makes.
-    pub(super) beside: fn(&Path, u8, &WriteOptions3d) -> Vec<PathBuf>,
+    pub(super) beside: fn(&Path, u8) -> Vec<PathBuf>,
     /// Whether files have the frame of their scene.
     pub(super) stores_frame: bool,
     /// Largest coordinate in a file.
@@ -102,7 +102,7 @@ const FORMATS: &[Row] = &[
         recognises: |start, path| gltf::recognises(start) && has_name(path, sog::META),
         read: sog::read,
         encode: written(sog::encode),
-        beside: |path, sh_degree, _| sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
+        beside: |path, sh_degree| sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
         memory: 14,
         ..ROW
     },
@@ -114,7 +114,7 @@ const FORMATS: &[Row] = &[
         recognises: |start, path| gltf::recognises(start) && has_name(path, streamed::META),
         read: |source, _| StreamedSog::parse(source)?.read_finest(),
         encode: STREAMED,
-        beside: |path, _, _| streamed::chunk_files(path),
+        beside: |path, _| streamed::chunk_files(path),
         memory: 14,
         ..ROW
     },
@@ -137,10 +137,6 @@ const FORMATS: &[Row] = &[
         recognises: |start, _| gltf::recognises(start),
         read: gltf::read,
         encode: written(gltf::encode),
-        beside: |path, _, options| match options.gltf_buffer {
-            GltfBuffer::Beside => vec![path.with_extension("bin")],
-            GltfBuffer::Inside => Vec::new(),
-        },
         stores_frame: true,
         ..ROW
     },
@@ -176,7 +172,7 @@ const ROW: Row = Row {
     recognises: |_, _| false,
     read: |source, _| Err(Error::not_a_3d_scene(source.path, "a checkpoint")),
     encode: |_, path, _, _| Err(Format3d::unknown_ending(path)),
-    beside: |_, _, _| Vec::new(),
+    beside: |_, _| Vec::new(),
     stores_frame: false,
     largest: f32::MAX as f64,
     memory: 3,
@@ -219,8 +215,8 @@ impl Format3d {
     }
 
     /// The further files that writing a scene of this degree to a path in this format makes.
-    pub fn beside(self, path: &Path, sh_degree: u8, options: &WriteOptions3d) -> Vec<PathBuf> {
-        (self.row().beside)(path, sh_degree, options)
+    pub fn beside(self, path: &Path, sh_degree: u8) -> Vec<PathBuf> {
+        (self.row().beside)(path, sh_degree)
     }
 
     /// Bytes of memory that reading a file takes for each of the file's bytes.

@@ -47,7 +47,7 @@ use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 pub use self::{
     conversion_loss::ConversionLoss,
     format::Format3d,
-    options::{Coordinates, GltfBuffer, SpzOptions, SpzVersion, WriteOptions3d},
+    options::{Coordinates, SpzVersion, WriteOptions3d},
     parts::{Parts3d, write_parts_3d, writes_parts_3d},
     streamed::StreamedSog,
     trained_with::TrainedWith,

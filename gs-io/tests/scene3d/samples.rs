@@ -3,10 +3,11 @@
 
 use std::{fs, io::Write, path::Path};
 
+use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::{Compression, write::GzEncoder};
 use glam::Vec3;
 use gs_core::{Gaussian3d, Scene, Scene3d};
-use gs_io::{File3d, Format3d, SpzOptions, SpzVersion, WriteOptions3d, decode_3d, write_3d};
+use gs_io::{File3d, Format3d, SpzVersion, WriteOptions3d, decode_3d, write_3d};
 
 /// A scene whose numbers all differ, with unit quaternions.
 pub(crate) fn scene(count: usize, sh_degree: u8) -> Scene3d {
@@ -36,7 +37,17 @@ pub(crate) fn written(name: &str, scene: &Scene3d, options: &WriteOptions3d) -> 
 }
 
 pub(crate) fn spz(version: SpzVersion) -> WriteOptions3d {
-    WriteOptions3d::default().with(|s| s.spz = SpzOptions::default().with(|s| s.version = version))
+    WriteOptions3d::default().with(|s| s.spz_version = version)
+}
+
+/// A `.gltf` whose buffer is the file of this name, and that buffer.
+pub(crate) fn gltf_beside(scene: &Scene3d, name: &str) -> (Vec<u8>, Vec<u8>) {
+    let mut json: serde_json::Value =
+        serde_json::from_slice(&written("a.gltf", scene, &WriteOptions3d::default())).unwrap();
+    let uri = json["buffers"][0]["uri"].as_str().unwrap();
+    let buffer = STANDARD.decode(uri.strip_prefix("data:application/octet-stream;base64,").unwrap()).unwrap();
+    json["buffers"][0]["uri"] = name.into();
+    (json.to_string().into_bytes(), buffer)
 }
 
 /// The scene that is read from bytes, recognised by their start and this name.

@@ -61,12 +61,7 @@ impl Capture {
     ///
     /// # Errors
     /// Those of the backend and of writing files.
-    pub(crate) fn write<R: Rasterizer<Scene3d>>(
-        &self,
-        on: &R,
-        folder: &Path,
-        mut written: impl FnMut(u32),
-    ) -> Outcome {
+    pub(crate) fn write<R: Rasterizer<Scene3d>>(&self, on: &R, folder: &Path, mut written: impl FnMut(u32)) -> Outcome {
         let (images, model) = (folder.join("images"), folder.join("sparse/0"));
         for folder in [&images, &model] {
             fs::create_dir_all(folder)?;

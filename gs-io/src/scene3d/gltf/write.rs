@@ -1,6 +1,6 @@
 //! Writes glTF: a primitive of points whose attributes are floats in one buffer.
 
-use std::{io::Write as _, path::Path};
+use std::path::Path;
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use gs_core::{Scene, Scene3d};
@@ -16,12 +16,11 @@ use crate::{
     scene3d::{
         Encoded3d, Format3d, WriteOptions3d,
         conversion_loss::ConversionLoss,
-        options::GltfBuffer,
         values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
 
-/// Encodes a scene. `path` determines the name of a separate buffer.
+/// Encodes a scene, with the buffer of a `.gltf` inside.
 pub(crate) fn encode(
     format: Format3d,
     path: &Path,
@@ -45,17 +44,8 @@ pub(crate) fn encode(
     if format == Format3d::Glb {
         return Ok(Encoded3d::of(format, binary(path, &json, &buffer)?, losses));
     }
-    let name = path.with_extension("bin");
-    let uri = match options.gltf_buffer {
-        GltfBuffer::Inside => format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)),
-        GltfBuffer::Beside => percent_encoded(&name.file_name().unwrap_or_default().to_string_lossy()),
-    };
-    json["buffers"][0]["uri"] = Value::String(uri);
-    let encoded = Encoded3d::of(format, json.to_string().into_bytes(), losses);
-    Ok(match options.gltf_buffer {
-        GltfBuffer::Inside => encoded,
-        GltfBuffer::Beside => encoded.beside(vec![(name, buffer)]),
-    })
+    json["buffers"][0]["uri"] = format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)).into();
+    Ok(Encoded3d::of(format, json.to_string().into_bytes(), losses))
 }
 
 /// The JSON, without a uri for its buffer, and the buffer.
@@ -145,17 +135,4 @@ fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
     file.extend(buffer);
     file.resize(file.len().next_multiple_of(4), 0);
     Ok(file)
-}
-
-/// A file name as a uri.
-fn percent_encoded(name: &str) -> String {
-    let mut uri = Vec::new();
-    for byte in name.bytes() {
-        match byte {
-            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => uri.push(byte),
-            // Writing to a string cannot fail.
-            other => _ = write!(uri, "%{other:02X}"),
-        }
-    }
-    String::from_utf8_lossy(&uri).into_owned()
 }

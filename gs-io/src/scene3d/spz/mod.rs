@@ -71,17 +71,11 @@ pub(crate) fn encode(
     options: &WriteOptions3d,
 ) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
-    let WriteOptions3d { spz: options, trained_with, .. } = *options;
-    let check = |bits: u8, what| match bits {
-        1..=8 => Ok(()),
-        _ => Err(Error::content(path)(gs_core::Error::setting(what, bits, "1 to 8"))),
-    };
-    check(options.degree_1_bits, "the number of bits of SH degree 1")?;
-    check(options.higher_degree_bits, "the number of bits of higher SH degrees")?;
+    let WriteOptions3d { spz_version, trained_with, .. } = *options;
     let too_many = |_| Error::unsupported(path, format!("an SPZ of {} Gaussians", scene.len()), "write a PLY");
     let count = u32::try_from(scene.len()).map_err(too_many)?;
     let fraction = FractionalBits::for_means(&scene.means);
-    let mut packing = quantum::Packing::new(options, fraction);
+    let mut packing = quantum::Packing::new(fraction);
     let rest = scene.sh_len() - 1;
     let room = |each: usize| Vec::with_capacity(each * scene.len());
     let mut streams = Streams {
@@ -103,7 +97,7 @@ pub(crate) fn encode(
             streams.sh.extend(packing.sh(k, c * AXES.sign_of_coefficient(k)));
         }
     }
-    let version = match options.version {
+    let version = match spz_version {
         SpzVersion::V3 => 3,
         SpzVersion::V4 => 4,
     };

@@ -15,7 +15,6 @@ use std::f32::consts::FRAC_1_SQRT_2;
 use glam::Vec3;
 use gs_core::Scene3d;
 
-use crate::scene3d::options::SpzOptions;
 use crate::scene3d::{
     conversion_loss::{Clamp, ConversionLoss},
     range::farthest,
@@ -112,10 +111,13 @@ fn rounded(value: f32) -> i32 {
     (value + 0.5_f64.copysign(value)) as i32
 }
 
+/// Bits of SH coefficients of degree 1, and of higher degrees, that are written. *Source:* Niantic's library.
+const DEGREE_1_BITS: u8 = 5;
+const HIGHER_DEGREE_BITS: u8 = 4;
+
 /// Quantises numbers, and counts what does not fit.
 #[derive(Debug)]
 pub(super) struct Packing {
-    options: SpzOptions,
     fraction: FractionalBits,
     colors: Clamp,
     log_scales: Clamp,
@@ -123,10 +125,9 @@ pub(super) struct Packing {
 }
 
 impl Packing {
-    pub(super) fn new(options: SpzOptions, fraction: FractionalBits) -> Self {
+    pub(super) fn new(fraction: FractionalBits) -> Self {
         let color_end = 0.5 / COLOR_SCALE;
         Self {
-            options,
             fraction,
             colors: Clamp::new("coefficients of degree 0", -color_end, color_end, 0.5 / 255.0 / COLOR_SCALE),
             log_scales: Clamp::new("log-scales", -10.0, 255.0 / 16.0 - 10.0, 0.5 / 16.0),
@@ -154,7 +155,7 @@ impl Packing {
 
     /// SH coefficient `k` ≥ 1, rounded to the nearest multiple of the step; 128 stands for 0.
     pub(super) fn sh(&mut self, k: usize, c: Vec3) -> [u8; 3] {
-        let bits = if k < 4 { self.options.degree_1_bits } else { self.options.higher_degree_bits };
+        let bits = if k < 4 { DEGREE_1_BITS } else { HIGHER_DEGREE_BITS };
         let step = (1_u32 << (8 - bits)) as f32;
         let mut bytes = [0; 3];
         // A loop, because most of a file are these bytes, and `map` would call a function for each.
@@ -190,12 +191,11 @@ impl Packing {
             rounded("colours and opacities", "8 bits".to_owned()),
             rounded("the parts of quaternions", "10 bits".to_owned()),
         ];
-        let bits = |bits: u8| format!("{bits} bits");
         if degree > 0 {
-            losses.push(rounded("coefficients of degree 1", bits(self.options.degree_1_bits)));
+            losses.push(rounded("coefficients of degree 1", format!("{DEGREE_1_BITS} bits")));
         }
         if degree > 1 {
-            losses.push(rounded("coefficients of higher degrees", bits(self.options.higher_degree_bits)));
+            losses.push(rounded("coefficients of higher degrees", format!("{HIGHER_DEGREE_BITS} bits")));
         }
         losses.extend([&self.log_scales, &self.colors, &self.sh].into_iter().filter_map(Clamp::loss));
         losses.extend(rotations.loss());
@@ -208,7 +208,7 @@ mod tests {
     use super::*;
 
     fn packing(means: &[Vec3]) -> Packing {
-        Packing::new(SpzOptions::default(), FractionalBits::for_means(means))
+        Packing::new(FractionalBits::for_means(means))
     }
 
     #[test]

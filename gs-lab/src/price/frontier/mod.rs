@@ -39,8 +39,8 @@ use self::{
 use super::{machine::candidates, reference::Verifiable};
 use crate::error::Error;
 
-pub(crate) use self::setting::Change;
 pub use self::budget::Budget;
+pub(crate) use self::setting::Change;
 
 /// Share of the time for timing that verification takes.
 const VERIFYING: f64 = 0.1;

@@ -206,7 +206,8 @@ impl Observer for Witness {
     fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let step = &checkpoint.metadata["step"];
         assert_eq!(self.losses.len().to_string(), *step, "all losses are known when a checkpoint is made");
-        let last_row = checkpoint.metadata["metrics"].lines().rev().find_map(|line| line.strip_prefix("step = ")).unwrap();
+        let last_row =
+            checkpoint.metadata["metrics"].lines().rev().find_map(|line| line.strip_prefix("step = ")).unwrap();
         self.checkpoints.push(format!("{step}: {last_row}"));
         Ok(())
     }
