@@ -30,18 +30,12 @@ fn rejects_non_images() {
         ("photo.psd", b"8BPS\0\x01", "is a Photoshop document"),
         ("photo.pdf", b"%PDF-1.7", "is a PDF document"),
         ("photo.exr", b"\x76\x2f\x31\x01\x02\0\0\0", "is an OpenEXR image"),
-        ("photo.hdr", b"#?RADIANCE\n", "is a Radiance HDR image"),
-        ("photo.qoi", b"qoif\0\0\0\x01", "is a QOI image"),
-        ("photo.ico", b"\0\0\x01\0\x01\0", "is an icon"),
-        ("photo.dds", b"DDS \x7c\0\0\0", "is a DDS texture"),
-        ("photo.ff", b"farbfeld\0\0\0\x01", "is a farbfeld image"),
-        ("photo.tga", b"\0\0\x02\0\0\0\0\0\0\0\0\0\x01\0\x01\0\x18\0", "is a TGA image"),
     ] {
         let error = refusal(place.path(), name, bytes);
         assert!(matches!(error, Error::NotAnImage { .. }) && error.to_string().contains(found), "{error}");
     }
-    let footer = [&[0_u8; 60][..], b"TRUEVISION-XFILE.\0"].concat();
-    assert!(refusal(place.path(), "unnamed", &footer).to_string().contains("is a TGA image"));
+    let qoi = refusal(place.path(), "photo.qoi", b"qoif\0\0\0\x01").to_string();
+    assert!(qoi.contains("begins with the bytes 71 6f 69 66"), "{qoi}");
     let error = read_image(place.path()).unwrap_err();
     assert!(matches!(error, Error::NotAFile { found: "a folder", .. }), "{error}");
     let error = read_image(place.path().join("absent.png")).unwrap_err();
