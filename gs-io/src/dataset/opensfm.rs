@@ -20,10 +20,10 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::{
-    BrownConrady, Dataset, DatasetKind, DatasetSettings, Distortion, Fisheye, Remark, Skip,
+    Dataset, DatasetKind, DatasetSettings, Remark, Skip,
     camera::{Focal, Intrinsics, Pose},
     read::{
-        Draft, IMAGE_FOLDERS, Number, Parts, Place, Refusal, Stated, WorldPoint, assemble_named, number_of, parse,
+        CameraFields, Draft, IMAGE_FOLDERS, Number, Parts, Place, Refusal, Stated, WorldPoint, assemble_named, parse,
         shown, whole,
     },
 };
@@ -93,7 +93,8 @@ pub(super) fn read(named: &Path, file: &Path, settings: &DatasetSettings) -> Res
     let Reconstruction { cameras, shots, points } = pieces.into_iter().next().unwrap_or_default();
     let root = &project(named, file);
     let draft = |(name, shot): (&String, &Shot)| {
-        let camera = cameras.get(&shot.camera).map(|fields| Camera { name: &shot.camera, fields });
+        let camera = cameras.get(&shot.camera).map(|own| CameraFields { own, shared: None });
+        let camera = camera.map(|fields| Camera { name: &shot.camera, fields });
         let intrinsics = camera.as_ref().map_or(Ok(Err(Skip::NoCamera.into())), |camera| camera.intrinsics(file))?;
         let stated = camera.map(|camera| camera.stated()).unwrap_or_default();
         let rotation = DQuat::from_scaled_axis(vector(shot.rotation));
@@ -122,26 +123,14 @@ fn project(named: &Path, file: &Path) -> PathBuf {
 /// A camera of the file.
 struct Camera<'a> {
     name: &'a str,
-    fields: &'a Map<String, Value>,
+    fields: CameraFields<'a>,
 }
 
 impl Camera<'_> {
-    /// A finite number, if the key is there.
-    fn number(&self, key: &str) -> Result<Option<f64>, String> {
-        let Some(value) = self.fields.get(key) else { return Ok(None) };
-        match number_of(value) {
-            Some(number) if number.is_finite() => Ok(Some(number)),
-            _ => Err(format!("{key} is {}, but must be a number", shown(value))),
-        }
-    }
-
     /// A number greater than 0.
     fn positive(&self, key: &str) -> Result<f64, String> {
-        match self.number(key)? {
-            Some(number) if number > 0.0 => Ok(number),
-            Some(number) => Err(format!("{key} is {number}, but must be greater than 0")),
-            None => Err(format!("{key} is missing")),
-        }
+        let found = self.fields.between(key, 0.0, f64::INFINITY, "greater than 0")?;
+        found.ok_or_else(|| format!("{key} is missing"))
     }
 
     /// The intrinsics; inside, why the camera is impossible, with the key.
@@ -164,20 +153,13 @@ impl Camera<'_> {
         if PANORAMA.contains(&kind) {
             return Ok(Intrinsics::panorama(Some(size)));
         }
-        let focal = match self.fields.contains_key("focal") {
+        let focal = match self.fields.get("focal").is_some() {
             true => DVec2::splat(self.positive("focal")?),
             false => dvec2(self.positive("focal_x")?, self.positive("focal_y")?),
         };
-        let number = |key| Ok::<_, String>(self.number(key)?.unwrap_or_default());
-        let center = dvec2(number("c_x")?, number("c_y")?);
-        let radial = [number("k1")?, number("k2")?, number("k3")?, number("k4")?];
-        let tangential = [number("p1")?, number("p2")?];
-        let brown = BrownConrady { radial, tangential, ..BrownConrady::default() };
-        let distortion = match FISHEYE.contains(&kind) {
-            true => Distortion::Fisheye(Fisheye { radial, ..Fisheye::default() }),
-            false if brown == BrownConrady::default() => Distortion::None,
-            false => Distortion::BrownConrady(brown),
-        };
+        let offset = |key| Ok::<_, String>(self.fields.number(key)?.unwrap_or_default());
+        let center = dvec2(offset("c_x")?, offset("c_y")?);
+        let distortion = self.fields.distortion(FISHEYE.contains(&kind))?;
         let longer = size.max_element();
         Ok(Intrinsics {
             focal: Focal::Lengths(focal * longer),
@@ -190,8 +172,7 @@ impl Camera<'_> {
 
     /// The numbers with their keys, for messages.
     fn stated(&self) -> Stated {
-        let number = |key: &'static str| Some((key, number_of(self.fields.get(key)?)?));
-        let numbers = NUMBERS.into_iter().filter_map(number).collect();
+        let numbers = self.fields.numbers(NUMBERS);
         Stated { place: format!("camera {} of {RECONSTRUCTION}", self.name), numbers }
     }
 }

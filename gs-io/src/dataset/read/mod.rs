@@ -4,6 +4,7 @@
 //! with the [`Place`]s where images may be. [`lists_in_files`] and [`apply_lists`] split by lists.
 
 mod assemble;
+mod camera_fields;
 mod draft;
 mod finder;
 mod json;
@@ -17,6 +18,7 @@ mod views;
 
 pub(super) use self::{
     assemble::{Parts, assemble, assemble_named},
+    camera_fields::CameraFields,
     draft::{Draft, Refusal, Stated},
     finder::{Finder, Folders, entries, walk},
     json::{Matrix, Number, number_of, parse, shown},

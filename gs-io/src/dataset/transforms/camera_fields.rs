@@ -6,13 +6,13 @@ use std::{
 };
 
 use glam::{DVec2, dvec2};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use crate::{
     dataset::{
-        BrownConrady, Distortion, Fisheye, Skip,
+        Skip,
         camera::{Focal, Intrinsics},
-        read::{Refusal, Stated, number_of, shown},
+        read::{CameraFields, Refusal, Stated},
     },
     error::Error,
 };
@@ -53,38 +53,9 @@ const NUMBERS: [&str; 17] = [
     CIRCLE,
 ];
 
-/// The fields of a frame, completed by those that all frames share. A value of `null` is missing.
-pub(super) struct CameraFields<'a> {
-    pub(super) own: &'a Map<String, Value>,
-    pub(super) shared: &'a Map<String, Value>,
-}
-
 impl CameraFields<'_> {
-    fn get(&self, key: &str) -> Option<&Value> {
-        [self.own, self.shared].into_iter().find_map(|fields| fields.get(key).filter(|value| !value.is_null()))
-    }
-
     fn has_own(&self, keys: &[&str]) -> bool {
         keys.iter().any(|key| self.own.get(*key).is_some_and(|value| !value.is_null()))
-    }
-
-    /// A finite number; the error says what there is instead.
-    fn number(&self, key: &str) -> Result<Option<f64>, String> {
-        let Some(value) = self.get(key) else { return Ok(None) };
-        match number_of(value) {
-            Some(number) if number.is_finite() => Ok(Some(number)),
-            _ => Err(format!("{key} is {}, but must be a number", shown(value))),
-        }
-    }
-
-    /// A number between two others.
-    fn between(&self, key: &str, least: f64, most: f64, range: &str) -> Result<Option<f64>, String> {
-        match self.number(key)? {
-            Some(number) if !(number > least && number < most) => {
-                Err(format!("{key} is {number}, but must be {range}"))
-            }
-            number => Ok(number),
-        }
     }
 
     /// Two numbers that are given together or not at all.
@@ -146,15 +117,7 @@ impl CameraFields<'_> {
             if model == PANORAMA {
                 return Ok(Intrinsics::panorama(size));
             }
-            let number = |key| Ok::<_, String>(self.number(key)?.unwrap_or_default());
-            let radial = [number("k1")?, number("k2")?, number("k3")?, number("k4")?];
-            let tangential = [number("p1")?, number("p2")?];
-            let brown = BrownConrady { radial, tangential, ..BrownConrady::default() };
-            let distortion = match is_fisheye {
-                true => Distortion::Fisheye(Fisheye { radial, ..Fisheye::default() }),
-                false if brown == BrownConrady::default() => Distortion::None,
-                false => Distortion::BrownConrady(brown),
-            };
+            let distortion = self.distortion(is_fisheye)?;
             let center = self.pair(["cx", "cy"], f64::NEG_INFINITY, "a number")?;
             let circle = match is_fisheye {
                 true => self.between(CIRCLE, 0.0, f64::INFINITY, "greater than 0")?,
@@ -168,8 +131,7 @@ impl CameraFields<'_> {
 
     /// The numbers with their keys, for messages.
     pub(super) fn stated(&self, path: &Path) -> Stated {
-        let number = |key: &'static str| Some((key, number_of(self.get(key)?)?));
         let place = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        Stated { place, numbers: NUMBERS.into_iter().filter_map(number).collect() }
+        Stated { place, numbers: self.numbers(NUMBERS) }
     }
 }

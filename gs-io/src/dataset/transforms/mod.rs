@@ -18,14 +18,13 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use self::camera_fields::CameraFields;
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Remark, Skip, Split, SplitOrigin,
     camera::{Pose, affine},
     colmap::{ColmapModel, points_of},
     read::{
-        Draft, Folders, IMAGE_FOLDERS, Matrix, NamePart, Number, Parts, Place, WorldPoint, apply_lists, assemble,
-        check_inside, ending_inside, lists_in_files, localize, parse, plain,
+        CameraFields, Draft, Folders, IMAGE_FOLDERS, Matrix, NamePart, Number, Parts, Place, WorldPoint, apply_lists,
+        assemble, check_inside, ending_inside, lists_in_files, localize, parse, plain,
     },
 };
 use crate::error::Error;
@@ -98,7 +97,7 @@ impl Frame {
         folders: &mut Folders,
     ) -> Result<Draft, Error> {
         let name = plain(&self.file_path);
-        let camera = CameraFields { own: &self.own, shared };
+        let camera = CameraFields { own: &self.own, shared: Some(shared) };
         let depth = self.depth_file_path.as_ref().and_then(|depth| folders.file(root, depth));
         Ok(Draft {
             file: Some(PathBuf::from(&name)),
