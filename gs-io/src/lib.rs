@@ -73,6 +73,6 @@ pub use crate::{
         TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d, transform_scene,
         write_3d, write_parts_3d, writes_parts_3d,
     },
-    text::utf8_text,
+    text::{percent_decoded, utf8_text},
     world_frame::WorldFrame,
 };

@@ -1,4 +1,4 @@
-//! Text files with a byte-order mark, or in another encoding than UTF-8.
+//! Text with byte-order marks, in another encoding than UTF-8, with percent signs, and for shells.
 
 use std::path::Path;
 
@@ -20,6 +20,17 @@ pub fn utf8_text<'b>(path: &Path, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
         [0, letter, ..] | [letter, 0, ..] if is_ascii(letter) => Err(utf_16()),
         _ => Ok(bytes.strip_prefix(MARK).unwrap_or(bytes)),
     }
+}
+
+/// A uri or a path of one without percent signs; `None` where it is not text, or has a null.
+pub fn percent_decoded(uri: &str) -> Option<String> {
+    let mut parts = uri.split('%');
+    let mut bytes = parts.next()?.as_bytes().to_vec();
+    for part in parts {
+        bytes.push(u8::from_str_radix(part.get(..2)?, 16).ok()?);
+        bytes.extend(&part.as_bytes()[2..]);
+    }
+    String::from_utf8(bytes).ok().filter(|name| !name.contains('\0'))
 }
 
 /// A path quoted for a shell command.

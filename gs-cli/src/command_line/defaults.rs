@@ -37,8 +37,6 @@ pub(crate) fn of_train(flag: Arg) -> Arg {
         "refine_poses" => |s| s.refine_poses.to_string(),
         "depth_weight" => |s| s.depth_loss.weight.to_string(),
         "participants" => |s| s.adam.participants.to_string(),
-        "opacity_weight" => |s| s.adam.penalty.opacity.to_string(),
-        "scale_weight" => |s| s.adam.penalty.scale.to_string(),
         "seed" => |s| s.seed.to_string(),
         _ => return flag,
     };

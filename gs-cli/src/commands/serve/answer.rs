@@ -60,7 +60,7 @@ impl Site {
 
     /// The kind and the content of what a path names.
     fn content(&self, path: &str) -> Result<(&'static str, Body), Refusal> {
-        let path = decoded(path).ok_or(("400 Bad Request", "the path is not readable"))?;
+        let path = gs_io::percent_decoded(path).ok_or(("400 Bad Request", "the path is not readable"))?;
         if path == "/serve/list" {
             let list = serde_json::to_vec(&listing::of(&self.folder)).unwrap_or_default();
             return Ok(("application/json", Body::Bytes(list)));
@@ -128,17 +128,6 @@ fn inside(folder: &Path, name: &str) -> Result<PathBuf, Refusal> {
         (Ok(root), Ok(file)) if file.starts_with(&root) && file.is_file() => Ok(file),
         _ => Err(NOT_FOUND),
     }
-}
-
-/// A path without percent signs.
-fn decoded(path: &str) -> Option<String> {
-    let mut parts = path.split('%');
-    let mut bytes = parts.next()?.as_bytes().to_vec();
-    for part in parts {
-        bytes.push(u8::from_str_radix(part.get(..2)?, 16).ok()?);
-        bytes.extend(&part.as_bytes()[2..]);
-    }
-    String::from_utf8(bytes).ok()
 }
 
 #[cfg(test)]

@@ -170,12 +170,6 @@ pub(crate) struct TrainSettingsArgs {
     /// Which Gaussians a step moves
     #[arg(long, value_parser = by_name::<Participants>(), value_name = "WHICH")]
     pub(crate) participants: Option<Participants>,
-    /// Weight of the mean opacity in the loss, as in 3DGS-MCMC
-    #[arg(long, value_name = "W")]
-    pub(crate) opacity_weight: Option<f32>,
-    /// Weight of the mean scale in the loss, as in 3DGS-MCMC
-    #[arg(long, value_name = "W")]
-    pub(crate) scale_weight: Option<f32>,
     /// Seed of all random numbers; the same seed gives the same bits on the same SIMD level or GPU
     #[arg(long, value_name = "S", value_parser = whole::<u32>(0..))]
     pub(crate) seed: Option<u32>,

@@ -65,10 +65,7 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     settings.exposure = args.exposure.unwrap_or(settings.exposure);
     settings.refine_poses = args.refine_poses.unwrap_or(settings.refine_poses);
     settings.depth_loss.weight = args.depth_weight.unwrap_or(settings.depth_loss.weight);
-    let adam = &mut settings.adam;
-    adam.participants = args.participants.unwrap_or(adam.participants);
-    adam.penalty.opacity = args.opacity_weight.unwrap_or(adam.penalty.opacity);
-    adam.penalty.scale = args.scale_weight.unwrap_or(adam.penalty.scale);
+    settings.adam.participants = args.participants.unwrap_or(settings.adam.participants);
     settings.validate()?;
     Ok(settings)
 }

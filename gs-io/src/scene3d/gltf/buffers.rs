@@ -11,7 +11,7 @@ use std::{
 use base64::{Engine, engine::general_purpose::STANDARD};
 
 use super::document::{Buffer, Document};
-use crate::{atomic::open, error::Error, scene3d::source::Source};
+use crate::{atomic::open, error::Error, scene3d::source::Source, text::percent_decoded};
 
 pub(super) const GLB_MAGIC: [u8; 4] = *b"glTF";
 pub(super) const GLB_VERSION: u32 = 2;
@@ -113,20 +113,9 @@ fn of_uri(
 
 /// The path of a file in the glTF's folder or a subfolder.
 fn beside(gltf: &Path, uri: &str) -> Option<PathBuf> {
-    let name = decoded(uri)?;
+    let name = percent_decoded(uri)?;
     let inside = Path::new(&name).components().all(|part| matches!(part, Component::Normal(_)));
     (inside && !name.is_empty() && !name.contains(':')).then(|| gltf.with_file_name(name))
-}
-
-/// Decodes percent signs of a uri.
-fn decoded(uri: &str) -> Option<String> {
-    let mut parts = uri.split('%');
-    let mut bytes = parts.next()?.as_bytes().to_vec();
-    for part in parts {
-        bytes.push(u8::from_str_radix(part.get(..2)?, 16).ok()?);
-        bytes.extend(&part.as_bytes()[2..]);
-    }
-    String::from_utf8(bytes).ok().filter(|name| !name.contains('\0'))
 }
 
 #[cfg(test)]
