@@ -196,7 +196,7 @@ fn a_budget_is_answered_by_flags_that_render_takes() {
     assert_eq!(fs::read_to_string(output.join("frontier.csv")).unwrap().lines().count(), rows.len() + 1);
     assert!(number(&json["answer"]["verification"]["error"]["max"]) <= 1e-3);
     assert_eq!(json["answer"]["flags"], answer);
-    let levels = rows.iter().filter(|row| row["role"] == "alone" && row["changes"][0]["axis"] == "SIMD").count();
+    let levels = rows.iter().filter(|row| row["role"] == "alone" && row["change"]["axis"] == "SIMD").count();
     assert_eq!(levels + 1, gs_cpu::SimdLevel::available().len());
 
     // The flags are used: a picture whose cut is half is empty.
@@ -228,7 +228,7 @@ fn the_frontier_of_a_3d_scene_chooses_effects_or_says_what_is_out_of_reach() {
     assert!(answer.starts_with("--effects all "), "{answer}");
     let json = read_json(&output.join("frontier.json"));
     let axes: Vec<&str> =
-        json["rows"].as_array().unwrap().iter().filter_map(|row| row["changes"][0]["axis"].as_str()).collect();
+        json["rows"].as_array().unwrap().iter().filter_map(|row| row["change"]["axis"].as_str()).collect();
     for expected in ["order", "antialias", "sh-degree", "full below", "tile rows", "exp", "bounds"] {
         assert!(axes.contains(&expected), "{expected}: {axes:?}");
     }

@@ -33,8 +33,7 @@ const AFTER_HELP: &str = "\
 A scene is measured as it is; an image is fitted first. A 3D scene is seen from views of \
 --dataset, or from an orbit around it.
 
-Every setting is measured alone, and the combinations on the frontier, if times multiply and \
-errors add up: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
+Every setting is measured alone: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
 every SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on a GPU every kind \
 of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
 two settings: their difference is the noise, and smaller differences are `no difference`. The \

@@ -153,7 +153,7 @@ mod tests {
             flags: Some("--threads 1".to_owned()),
             candidate: 0,
             role: Role::Alone,
-            changes: Vec::new(),
+            change: None,
             settings: RenderSettings::default(),
             seconds: vec![seconds].into(),
             error: PictureError::new(error, [0.0; 3]),

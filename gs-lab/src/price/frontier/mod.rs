@@ -2,8 +2,7 @@
 //! its error are measured on the given scene, views and machine.
 //!
 //! A `Sweep` is a scene on several candidates: backends, instruction sets and configurations.
-//! [`Search::run`] measures every setting alone, predicts which combinations lie on the frontier, and
-//! measures those: their times, and their errors against the 64-bit oracle. Measurements are
+//! [`Search::run`] measures every setting alone: its time, and its error against the 64-bit oracle. Measurements are
 //! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
 //! settings. Differences in time below the difference of these two are noise. For a [`Budget`], the
 //! search picks the fastest settings that are exact enough, or the most exact that are fast enough,
@@ -19,7 +18,6 @@ mod answer;
 mod budget;
 mod outcome;
 mod pareto;
-mod predict;
 mod setting;
 mod sweep;
 #[cfg(test)]
@@ -34,7 +32,7 @@ use serde::{Serialize, Serializer};
 use self::{
     answer::Answer,
     outcome::{Frontier, Measured, Role},
-    sweep::{SearchLimits, Sweep, search},
+    sweep::{Sweep, search},
 };
 use super::{machine::candidates, reference::Verifiable};
 use crate::error::Error;
@@ -68,8 +66,7 @@ impl<S: Verifiable> Search<'_, S>
 where
     AnyRasterizer: Optimizer<S>,
 {
-    /// Measures every setting alone and the combinations that are worth it, on every backend, and
-    /// finds settings for the budget. Reports its progress to `watch`.
+    /// Measures every setting alone, on every backend, and finds one for the budget. Reports its progress to `watch`.
     ///
     /// # Errors
     /// Those of the backends, and of the oracle for effects that it does not have;
@@ -82,8 +79,7 @@ where
             all.extend(candidates(base, scene, shown.effects.blend)?);
         }
         let sweep = Sweep { scene, candidates: all, shown };
-        let limits = SearchLimits { seconds, ..SearchLimits::default() };
-        let frontier = search(&sweep, views, limits, watch)?;
+        let frontier = search(&sweep, views, seconds, watch)?;
         let (mut answer, mut missed, mut failure) = (None, None, None);
         if let Some(budget) = budget {
             let others = counted(unseen.len(), "view");

@@ -34,8 +34,6 @@ pub(crate) enum Role {
     Tightest,
     /// A row in which one setting differs from the default.
     Alone,
-    /// Several settings differ.
-    Together,
 }
 
 /// A row: settings on a candidate, with their times and error.
@@ -54,8 +52,8 @@ pub(crate) struct Measured {
     pub(crate) candidate: usize,
     /// The role of the row.
     pub(crate) role: Role,
-    /// Differences from the backend's default.
-    pub(crate) changes: Vec<Change>,
+    /// The difference from the backend's default, where there is one.
+    pub(crate) change: Option<Change>,
     /// All settings.
     pub(crate) settings: RenderSettings,
     /// Seconds per view, one value for each round.
@@ -74,14 +72,14 @@ impl Measured {
         self.seconds.spread.median
     }
 
-    /// The differences from the default, in words.
+    /// The difference from the default, in words.
     pub(super) fn name(&self) -> String {
         match self.role {
             Role::Default => "default".to_owned(),
             Role::Again => "default, again".to_owned(),
             Role::ThreeDgs => "3DGS".to_owned(),
             Role::Tightest => "no cut-offs".to_owned(),
-            Role::Alone | Role::Together => self.changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+            Role::Alone => self.change.as_ref().map_or_else(String::new, Change::to_string),
         }
     }
 }

@@ -9,7 +9,7 @@ use gs_core::{
 
 /// What can be varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Axis {
+enum Axis {
     /// α below which contributions are left out.
     AlphaCut,
     /// Blending stops before the transmittance of a pixel falls below this.
@@ -23,14 +23,8 @@ pub(super) enum Axis {
 /// A setting with a value: that of an axis in render settings.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Setting {
-    pub(super) axis: Axis,
+    axis: Axis,
     source: RenderSettings,
-}
-
-impl PartialEq for Setting {
-    fn eq(&self, other: &Self) -> bool {
-        self.change() == other.change()
-    }
 }
 
 impl Setting {
@@ -45,11 +39,6 @@ impl Setting {
             Axis::Effect(effect) => settings.effects = effect.copied(&self.source.effects, &settings.effects),
         }
         settings
-    }
-
-    /// The value of the same setting in `source`.
-    pub(super) fn of(&self, source: &RenderSettings) -> Self {
-        Self { axis: self.axis, source: *source }
     }
 
     /// Name and value as text.
@@ -123,11 +112,11 @@ fn fraction(value: f32) -> String {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
 
     /// A setting with a value of its own.
-    pub(in crate::price::frontier) fn setting(axis: Axis, set: impl FnOnce(&mut RenderSettings)) -> Setting {
+    fn setting(axis: Axis, set: impl FnOnce(&mut RenderSettings)) -> Setting {
         Setting { axis, source: RenderSettings::default().with(set) }
     }
 

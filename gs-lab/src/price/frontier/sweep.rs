@@ -12,13 +12,8 @@ use super::{
     },
     outcome::{BackendNoise, Frontier, Measured, Refused, Role},
     pareto::frontier_of,
-    predict::{Predicted, combinations},
     setting::{Setting, alternatives},
 };
-use crate::result::median;
-
-/// Share of the time for finding out which combinations are worth measuring.
-const SCOUTING: f64 = 0.25;
 
 /// A scene with the candidates that render it.
 #[derive(Debug)]
@@ -30,21 +25,6 @@ pub(crate) struct Sweep<'a, S: Scene> {
     pub(super) candidates: Vec<Candidate<'a, S::View>>,
     /// The default settings of all backends. Their effects define the reference picture.
     pub(super) shown: RenderSettings,
-}
-
-/// Limits of a search.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct SearchLimits {
-    /// Seconds for timing. At least seven rounds are measured, however long they take.
-    pub(super) seconds: f64,
-    /// Largest number of combinations of settings per backend.
-    pub(super) combinations: usize,
-}
-
-impl Default for SearchLimits {
-    fn default() -> Self {
-        Self { seconds: 24.0, combinations: 12 }
-    }
 }
 
 impl<S: Verifiable> Sweep<'_, S> {
@@ -60,7 +40,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// A row that is not measured yet.
-    fn row(&self, candidate: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Measured {
+    fn row(&self, candidate: usize, settings: RenderSettings, role: Role, setting: Option<&Setting>) -> Measured {
         let Candidate { backend, name, change, flags, .. } = &self.candidates[candidate];
         Measured {
             backend: backend.clone(),
@@ -68,7 +48,7 @@ impl<S: Verifiable> Sweep<'_, S> {
             flags: flags.clone(),
             candidate,
             role,
-            changes: change.iter().cloned().chain(changes.iter().map(Setting::change)).collect(),
+            change: setting.map(Setting::change).or_else(|| change.clone()),
             settings,
             seconds: Vec::new().into(),
             error: PictureError::of(std::iter::empty()),
@@ -90,9 +70,9 @@ impl<S: Verifiable> Sweep<'_, S> {
         let backend = &self.candidates[base].backend;
         let others = (0..self.candidates.len()).filter(|&i| i != base && self.candidates[i].backend == *backend);
         let alone = alternatives(&self.shown).into_iter();
-        let all = landmarks.into_iter().map(|(settings, role)| self.row(base, settings, role, &[]));
-        let all = all.chain(alone.map(|s| self.row(base, s.applied_to(&self.shown), Role::Alone, &[s])));
-        all.chain(others.map(|other| self.row(other, self.shown, Role::Alone, &[]))).collect()
+        let all = landmarks.into_iter().map(|(settings, role)| self.row(base, settings, role, None));
+        let all = all.chain(alone.map(|s| self.row(base, s.applied_to(&self.shown), Role::Alone, Some(&s))));
+        all.chain(others.map(|other| self.row(other, self.shown, Role::Alone, None))).collect()
     }
 
     /// Splits rows into those that their candidates can render and the others. The default has to be
@@ -182,85 +162,29 @@ impl<S: Verifiable> Sweep<'_, S> {
 
     /// What a search is about to do with these rows, with the time of the default's second rendering,
     /// after a warm-up.
-    fn announcement(&self, rows: &[Measured], views: &[S::View], limits: SearchLimits) -> Result<String, Error> {
-        // Tried, and its error measured; scouted and measured in turn, with a warm-up each.
-        let renderings = (2 + 2 * (1 + ROUNDS[0])) * views.len();
-        let (mut settings, mut seconds) = (0, 0.0);
+    fn announcement(&self, rows: &[Measured], views: &[S::View], least: f64) -> Result<String, Error> {
+        // Tried, and its error measured; measured in turn, with a warm-up.
+        let renderings = (2 + 1 + ROUNDS[0]) * views.len();
+        let (settings, mut seconds) = (rows.len(), 0.0);
         for base in self.bases() {
             let Candidate { renderer, backend, .. } = &self.candidates[base];
-            let own = rows.iter().filter(|row| row.backend == *backend).count() + limits.combinations;
+            let own = rows.iter().filter(|row| row.backend == *backend).count();
             renderer.seconds(&views[0], &self.shown)?;
             seconds += renderer.seconds(&views[0], &self.shown)? * (own * renderings) as f64;
-            settings += own;
         }
         let milliseconds = 1e3 * seconds / (settings * renderings) as f64;
-        let seconds = seconds.max(limits.seconds);
+        let seconds = seconds.max(least);
         let time = if seconds < 100.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
         Ok(format!(
-            "measuring up to {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
+            "measuring {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
              and some seconds for reference pictures",
             settings * renderings
         ))
     }
-
-    /// The largest error of each value of each setting, the default's included, if it is the only
-    /// approximation; measured on the first backend that supports it.
-    fn only(&self, views: &[S::View], references: &[Reference<S>]) -> Result<Vec<(Setting, f64)>, Error> {
-        let tightest = self.tightest();
-        let mut all: Vec<(Setting, f64)> = Vec::new();
-        for setting in alternatives(&self.shown).into_iter().flat_map(|setting| [setting.of(&self.shown), setting]) {
-            let settings = setting.applied_to(&tightest);
-            if all.iter().any(|(known, _)| *known == setting) {
-                continue;
-            }
-            if let Some(able) = self.able(&settings, views)? {
-                all.push((setting, self.error(able, &settings, views, references)?.max));
-            }
-        }
-        Ok(all)
-    }
-
-    /// The combinations that are worth measuring on the quickest candidate of a backend, of which
-    /// `scouted` rows have a time each.
-    fn together(&self, scouted: &[(&Measured, f64)], only: &[(Setting, f64)], most: usize) -> Vec<Measured> {
-        let Some(&(base, default)) = scouted.iter().find(|(row, _)| row.role == Role::Default) else {
-            return Vec::new();
-        };
-        let error = |setting: &Setting| only.iter().find(|(known, _)| known == setting).map(|(_, error)| *error);
-        let mut axes: Vec<Vec<Predicted>> = Vec::new();
-        let mut last = None;
-        for setting in alternatives(&self.shown) {
-            let settings = setting.applied_to(&self.shown);
-            let time = scouted.iter().find(|(row, _)| row.role == Role::Alone && row.settings == settings);
-            // An error cannot be attributed to a setting that no backend supports alone.
-            let (Some((_, time)), Some(usual), Some(error)) = (time, error(&setting.of(&self.shown)), error(&setting))
-            else {
-                continue;
-            };
-            if last.replace(setting.axis) != Some(setting.axis) {
-                axes.push(vec![Predicted { settings: Vec::new(), ratio: 1.0, error: usual }]);
-            }
-            let alone = Predicted { settings: vec![setting], ratio: time / default, error };
-            axes.last_mut().into_iter().for_each(|values| values.push(alone.clone()));
-        }
-        let noise = noise_of(scouted.iter().map(|(row, _)| *row));
-        let mut quickest = (base.candidate, default);
-        for &(row, time) in scouted.iter().filter(|(row, _)| row.candidate != base.candidate) {
-            if noise.compare(time, quickest.1) == TimeComparison::Faster {
-                quickest = (row.candidate, time);
-            }
-        }
-        let found = combinations(&axes, most).into_iter().filter_map(|Predicted { settings: changes, .. }| {
-            let settings = changes.iter().fold(self.shown, |settings, s| s.applied_to(&settings));
-            let is_new = changes.len() > 1 || (quickest.0 != base.candidate && !changes.is_empty());
-            is_new.then(|| self.row(quickest.0, settings, Role::Together, &changes))
-        });
-        found.collect()
-    }
 }
 
-/// Measures every setting alone and the combinations that are worth it, on every backend of the
-/// sweep. Reports its progress to `watch`.
+/// Measures every setting alone, on every backend of the sweep, and times them for `seconds`; at least
+/// seven rounds are measured, however long they take. Reports its progress to `watch`.
 ///
 /// # Errors
 /// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`]
@@ -268,7 +192,7 @@ impl<S: Verifiable> Sweep<'_, S> {
 pub(super) fn search<S: Verifiable>(
     sweep: &Sweep<'_, S>,
     views: &[S::View],
-    limits: SearchLimits,
+    seconds: f64,
     watch: &mut dyn FnMut(&str),
 ) -> Result<Frontier, Error> {
     if views.is_empty() || sweep.candidates.is_empty() {
@@ -278,25 +202,13 @@ pub(super) fn search<S: Verifiable>(
     for base in sweep.bases() {
         rows.extend(sweep.single_rows(base));
     }
-    watch(&sweep.announcement(&rows, views, limits)?);
+    watch(&sweep.announcement(&rows, views, seconds)?);
     watch("computing reference pictures with the 64-bit oracle");
     let references = sweep.references(views)?;
     let mut refused = Vec::new();
     let mut rows = sweep.admitted(rows, views, &mut refused)?;
-    watch(&format!("scouting {} settings", rows.len()));
-    let scouted = sweep.times(&rows, views, SCOUTING * limits.seconds)?;
-    rows.iter_mut().zip(scouted).for_each(|(row, times)| row.seconds = times.into());
-    watch("predicting which combinations are worth measuring");
-    let only = sweep.only(views, &references)?;
-    let mut together = Vec::new();
-    for base in sweep.bases() {
-        let own = rows.iter().filter(|row| row.backend == sweep.candidates[base].backend);
-        let own: Vec<(&Measured, f64)> = own.map(|row| (row, median(&row.seconds.samples))).collect();
-        together.extend(sweep.together(&own, &only, limits.combinations));
-    }
-    rows.extend(sweep.admitted(together, views, &mut refused)?);
     watch(&format!("measuring {} settings in turn", rows.len()));
-    let times = sweep.times(&rows, views, (1.0 - SCOUTING) * limits.seconds)?;
+    let times = sweep.times(&rows, views, seconds)?;
     for (row, times) in rows.iter_mut().zip(times) {
         row.seconds = Times::from(times);
         row.error = sweep.error(row.candidate, &row.settings, views, &references)?;
@@ -329,8 +241,8 @@ fn judge(backend: &str, rows: &mut [Measured]) -> BackendNoise {
         Role::Again => (f64::INFINITY, f64::INFINITY),
         _ => (row.median(), row.error.max),
     };
-    // Among rows with the same picture, the one with the fewest changes is kept on the frontier.
-    own.sort_by(|a, b| a.changes.len().cmp(&b.changes.len()).then(a.median().total_cmp(&b.median())));
+    // Among rows with the same picture, one without a change is kept on the frontier.
+    own.sort_by(|a, b| a.change.is_some().cmp(&b.change.is_some()).then(a.median().total_cmp(&b.median())));
     let on_frontier = frontier_of(&own.iter().map(point).collect::<Vec<_>>(), noise);
     for place in 0..own.len() {
         let is_same = |other: &usize| on_frontier[*other] && own[*other].error == own[place].error;
