@@ -2,11 +2,11 @@
 
 use std::{
     fmt,
-    io::{self, IsTerminal, stderr},
+    io::{IsTerminal, stderr},
 };
 
 use console::Term;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::output;
 
@@ -16,8 +16,7 @@ const REDRAWS: u8 = 10;
 /// A bar on standard error; `None` where that is not a terminal.
 pub(crate) fn bar(length: u64, template: &str) -> Option<ProgressBar> {
     stderr().is_terminal().then(|| {
-        let target = ProgressDrawTarget::term_like_with_hz(Box::new(Terminal::default()), REDRAWS);
-        let bar = ProgressBar::with_draw_target(Some(length), target);
+        let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr_with_hz(REDRAWS));
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar
     })
@@ -62,59 +61,10 @@ pub(crate) fn time(seconds: f64) -> String {
 /// Room for what a terminal echoes, columns: that of Ctrl-C twice.
 const ECHO: u16 = 4;
 
-/// Standard error, reported a little narrower than it is.
-///
-/// The bar fills its line. If the terminal echoes Ctrl-C behind it, the line breaks, and the bar
-/// can no longer be removed.
-#[derive(Debug)]
-pub(crate) struct Terminal(Term);
-
-impl Default for Terminal {
-    fn default() -> Self {
-        Self(Term::buffered_stderr())
-    }
-}
-
-impl TermLike for Terminal {
-    fn width(&self) -> u16 {
-        self.0.size().1.saturating_sub(ECHO)
-    }
-
-    fn height(&self) -> u16 {
-        self.0.size().0
-    }
-
-    fn move_cursor_up(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_up(n)
-    }
-
-    fn move_cursor_down(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_down(n)
-    }
-
-    fn move_cursor_right(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_right(n)
-    }
-
-    fn move_cursor_left(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_left(n)
-    }
-
-    fn write_line(&self, line: &str) -> io::Result<()> {
-        self.0.write_line(line)
-    }
-
-    fn write_str(&self, text: &str) -> io::Result<()> {
-        self.0.write_str(text)
-    }
-
-    fn clear_line(&self) -> io::Result<()> {
-        self.0.clear_line()
-    }
-
-    fn flush(&self) -> io::Result<()> {
-        self.0.flush()
-    }
+/// Columns of standard error that a line with a bar may fill. If the terminal echoes Ctrl-C behind a full
+/// line, the line breaks, and the bar can no longer be removed.
+pub(crate) fn columns() -> usize {
+    usize::from(Term::stderr().size().1.saturating_sub(ECHO))
 }
 
 #[cfg(test)]

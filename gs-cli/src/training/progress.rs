@@ -4,12 +4,12 @@ use std::time::{Duration, Instant};
 
 use gs_core::{counted, edit::EditCounts};
 use gs_train::{Control, Observer, Progress};
-use indicatif::{ProgressBar, TermLike};
+use indicatif::ProgressBar;
 
 use super::{problems::Problems, status::Status};
 use crate::terminal::{
     output::{self, Verbosity},
-    progress_bar::{Printer, Terminal, bar},
+    progress_bar::{Printer, bar, columns},
 };
 
 /// Time between two drawings of the bar.
@@ -52,7 +52,7 @@ impl Display {
     /// A display on standard error for a run that begins after `step` of `iterations` steps.
     pub(crate) fn new(step: u32, iterations: u32, verbosity: Verbosity) -> Self {
         // The message has as many words as fit the line: a bar in two lines cannot be removed.
-        let kind = match bar(u64::from(iterations), "{wide_bar} {pos}/{len}  {msg}") {
+        let kind = match bar(u64::from(iterations), "{bar:10} {pos}/{len}  {msg}") {
             Some(bar) => ProgressForm::Bar(bar.with_position(u64::from(step))),
             None => ProgressForm::Lines(0),
         };
@@ -175,7 +175,7 @@ impl Observer for Display {
             ProgressForm::Bar(bar) if since >= REDRAW || progress.is_last() => {
                 bar.set_length(u64::from(progress.iterations));
                 bar.set_position(u64::from(progress.step));
-                bar.set_message(self.status(progress).within(Terminal::default().width().into()));
+                bar.set_message(self.status(progress).within(columns()));
                 self.drawn = Instant::now();
             }
             ProgressForm::Lines(last) => {

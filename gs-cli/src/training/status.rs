@@ -5,7 +5,7 @@ use gs_core::counted;
 
 use crate::terminal::progress_bar::time;
 
-/// The least width of the bar, columns.
+/// The width of the bar, columns.
 const BAR: usize = 10;
 
 /// The status of a run.

@@ -28,7 +28,7 @@ pub(super) struct Display {
 impl Display {
     pub(super) fn new() -> Self {
         let now = Instant::now();
-        let bar = bar(LENGTH as u64, "{wide_bar} {msg}  {elapsed}");
+        let bar = bar(LENGTH as u64, "{bar:20} {msg}  {elapsed}");
         Self { bar, started: now, printed: Cell::new((0, now)) }
     }
 

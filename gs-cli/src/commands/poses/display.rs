@@ -21,7 +21,7 @@ pub(super) struct Display {
 
 impl Display {
     pub(super) fn new() -> Self {
-        let bar = bar(1, "{wide_bar} {msg}  {elapsed}");
+        let bar = bar(1, "{bar:20} {msg}  {elapsed}");
         let interrupt = Interrupt::listen(Printer::above(bar.clone()), "stopping");
         Self { bar, interrupt, started: Instant::now(), stage: None }
     }

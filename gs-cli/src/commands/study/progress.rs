@@ -49,7 +49,7 @@ impl<'a> Display<'a> {
     pub(crate) fn new(plan: &'a Plan, folder: &StudyFolder) -> Result<Self, Failure> {
         let ended = folder.ended()?;
         let (done, pending): (Vec<&Run>, Vec<&Run>) = plan.runs.iter().partition(|run| ended.contains(&run.address));
-        let bar = bar(plan.runs.len() as u64, "{wide_bar} {pos}/{len} runs  {msg}");
+        let bar = bar(plan.runs.len() as u64, "{bar:20} {pos}/{len} runs  {msg}");
         let bar = bar.map(|bar| bar.with_position(done.len() as u64));
         let work_left = pending.iter().map(|run| plan.work(run)).sum();
         let now = Instant::now();
