@@ -8,7 +8,7 @@ use std::{
 };
 
 use clap::Args;
-use gs_io::{FolderClaim, Inputs, remove_leftovers, write_atomically, write_durably};
+use gs_io::{FolderClaim, Inputs, remove_leftovers, write_durably};
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -91,7 +91,7 @@ impl OutputFolder {
 
     /// Writes a file that can be made again easily.
     pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), Failure> {
-        Ok(write_atomically(self.file(name), |file| file.write_all(content.as_ref()))?)
+        Ok(self.0.write(name, content)?)
     }
 
     /// Writes a text file so that it survives a power cut.

@@ -14,7 +14,7 @@ use std::{
 use index::Index;
 
 use crate::{
-    atomic::{is_temporary, remove_leftovers},
+    atomic::{is_temporary, remove_leftovers, write_atomically},
     error::Error,
     inputs::Inputs,
 };
@@ -196,6 +196,14 @@ impl OutputFolder {
 
     fn lock_claimed(&self) -> MutexGuard<'_, BTreeSet<String>> {
         self.claimed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes a claimed file atomically.
+    ///
+    /// # Errors
+    /// Those of [`write_atomically`].
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), Error> {
+        write_atomically(self.file(name), |file| file.write_all(content.as_ref()))
     }
 
     /// Claims further files, whose names were not known at the beginning.

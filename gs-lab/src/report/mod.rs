@@ -54,17 +54,17 @@ pub fn line_chart(
 pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Error> {
     write_tables(results, folder)?;
     let figures = figures(results);
-    let folder = folder.lock_results()?;
+    let output = folder.lock_results()?;
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
-    folder.claim(
+    output.claim(
         figures.iter().flat_map(|figure| ["svg", "png"].map(|kind| format!("{PLOTS}/{}.{kind}", figure.name))),
     )?;
     for figure in &figures {
-        folder.write(&format!("{PLOTS}/{}.svg", figure.name), &figure.svg_file()?)?;
-        gs_io::write_png(folder.file_to_write(&format!("{PLOTS}/{}.png", figure.name)), &figure.image()?)?;
+        output.write(&format!("{PLOTS}/{}.svg", figure.name), figure.svg_file()?)?;
+        gs_io::write_png(output.file(&format!("{PLOTS}/{}.png", figure.name)), &figure.image()?)?;
     }
-    folder.write(PAGE, &with_page(results, &folder, command, &figures, |page| page.html())?)
+    Ok(output.write(PAGE, with_page(results, folder, command, &figures, |page| page.html())?)?)
 }
 
 /// Tables, curves and pictures of a study, as HTML for another page.

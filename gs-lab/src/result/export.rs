@@ -47,25 +47,25 @@ pub(crate) fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Resul
     let quality = results.qualities();
     let differences = results.differences(&[Matching::Count, Matching::Iterations]);
     let effects = results.effects(&[Matching::Count, Matching::Iterations]);
-    let folder = folder.lock_results()?;
-    folder.write("runs.csv", &runs_csv(&runs, plan))?;
+    let output = folder.lock_results()?;
+    output.write("runs.csv", runs_csv(&runs, plan))?;
     if plan.study.is_of_scenes() {
-        folder.write(VIEWS, &views_csv(results))?;
+        output.write(VIEWS, views_csv(results))?;
     }
     if !plan.study.factors.is_empty() {
-        folder.write("effects.csv", &effects_csv(&effects))?;
-        folder.write("effects-at-time.csv", &effects_csv(&results.effects(&[Matching::Time])))?;
+        output.write("effects.csv", effects_csv(&effects))?;
+        output.write("effects-at-time.csv", effects_csv(&results.effects(&[Matching::Time])))?;
     }
     if !plan.study.claims.is_empty() {
-        folder.write(CLAIMS, &claims_csv([(plan.study.name.as_str(), results.claims().as_slice())]))?;
+        output.write(CLAIMS, claims_csv([(plan.study.name.as_str(), results.claims().as_slice())]))?;
     }
-    folder.write("quality.csv", &quality_csv(&quality))?;
-    folder.write("differences.csv", &differences_csv(&differences))?;
-    folder.write("differences-at-time.csv", &differences_csv(&results.differences(&[Matching::Time])))?;
-    folder.write("times.csv", &times_csv(results))?;
+    output.write("quality.csv", quality_csv(&quality))?;
+    output.write("differences.csv", differences_csv(&differences))?;
+    output.write("differences-at-time.csv", differences_csv(&results.differences(&[Matching::Time])))?;
+    output.write("times.csv", times_csv(results))?;
     let (markdown, latex) = text_tables::texts(results);
-    folder.write(MARKDOWN, &markdown)?;
-    folder.write(LATEX, &latex)?;
+    output.write(MARKDOWN, markdown)?;
+    output.write(LATEX, latex)?;
     let everything = Everything {
         study: &plan.study.name,
         version: VERSION,
@@ -77,7 +77,7 @@ pub(crate) fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Resul
     };
     let json = serde_json::to_string(&everything)
         .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
-    folder.write(RESULTS, &(json + "\n"))
+    Ok(output.write(RESULTS, json + "\n")?)
 }
 
 fn runs_csv(rows: &[Row], plan: &Plan) -> String {

@@ -2,15 +2,13 @@
 //! has their names, so that no other file is replaced.
 
 use std::{
-    ops::Deref,
-    path::{Path, PathBuf},
+    path::Path,
     thread,
     time::{Duration, Instant},
 };
 
 use gs_io::{FolderClaim, OutputFolder};
 
-use super::StudyFolder;
 use crate::{
     error::Error,
     run::result_names::{PAGE, PLOTS, TABLES},
@@ -23,38 +21,6 @@ const PATIENCE: Duration = Duration::from_secs(120);
 pub(crate) fn results_claim(path: &Path) -> FolderClaim {
     let files = TABLES.into_iter().chain([PAGE]);
     FolderClaim { folders: vec![PLOTS.to_owned()], ..FolderClaim::new(path, files) }
-}
-
-/// A study's folder whose tables and report this process alone writes.
-#[derive(Debug)]
-pub(crate) struct LockedResults<'a> {
-    pub(crate) folder: &'a StudyFolder,
-    pub(crate) output: OutputFolder,
-}
-
-impl Deref for LockedResults<'_> {
-    type Target = StudyFolder;
-
-    fn deref(&self) -> &StudyFolder {
-        self.folder
-    }
-}
-
-impl LockedResults<'_> {
-    /// Writes a text file into the folder.
-    pub(crate) fn write(&self, name: &str, text: &str) -> Result<(), Error> {
-        write(&self.output, name, text)
-    }
-
-    /// Claims files whose names depend on the results, before they are written.
-    pub(crate) fn claim(&self, names: impl IntoIterator<Item = String>) -> Result<(), Error> {
-        Ok(self.output.claim(names)?)
-    }
-
-    /// The path of a file that is about to be written; it is added to the folder's index.
-    pub(crate) fn file_to_write(&self, name: &str) -> PathBuf {
-        self.output.file(name)
-    }
 }
 
 /// Begins to write into a folder. Waits while another process prepares it or writes its report.
@@ -71,8 +37,4 @@ pub(crate) fn begin(claim: FolderClaim) -> Result<OutputFolder, Error> {
             ended => return Ok(ended?),
         }
     }
-}
-
-pub(crate) fn write(output: &OutputFolder, name: &str, text: &str) -> Result<(), Error> {
-    Ok(gs_io::write_atomically(output.file(name), |file| file.write_all(text.as_bytes()))?)
 }

@@ -13,7 +13,7 @@ use std::{
 };
 
 use gs_core::{Image, SavedState};
-use gs_io::{Checkpoint, FolderClaim, Inputs, decode_checkpoint, encode_checkpoint, png_bytes};
+use gs_io::{Checkpoint, FolderClaim, Inputs, OutputFolder, decode_checkpoint, encode_checkpoint, png_bytes};
 use gs_jobs::{
     Claims, JobStore, Keep, Listing, Queue, State, WorkSettings,
     files::{self, RUNS},
@@ -21,7 +21,7 @@ use gs_jobs::{
 use serde::Serialize;
 
 use self::{
-    locked_results::{LockedResults, begin, results_claim, write},
+    locked_results::{begin, results_claim},
     origin::Origin,
     run_files::PICTURES,
 };
@@ -116,10 +116,10 @@ impl StudyFolder {
         }
         let canonical = |path: &PathBuf| fs::canonicalize(path).unwrap_or_else(|_| path.clone());
         let found: BTreeMap<_, _> = plan.places().into_iter().map(|(name, path)| (name, canonical(path))).collect();
-        write(&output, IMAGES, &json(&found))?;
-        write(&output, MACHINE, &json(&Origin::of(plan)))?;
+        output.write(IMAGES, json(&found))?;
+        output.write(MACHINE, json(&Origin::of(plan)))?;
         if !is_input {
-            write(&output, STUDY, &plan.study.to_toml()?)?;
+            output.write(STUDY, plan.study.to_toml()?)?;
         }
         folder.sweep()?;
         run_files::remove_unfinished(&folder.store)?;
@@ -217,8 +217,8 @@ impl StudyFolder {
     }
 
     /// Locks the folder's tables and report to write them. Waits where another process has them.
-    pub(crate) fn lock_results(&self) -> Result<LockedResults<'_>, Error> {
-        Ok(LockedResults { folder: self, output: begin(self.results.clone())? })
+    pub(crate) fn lock_results(&self) -> Result<OutputFolder, Error> {
+        begin(self.results.clone())
     }
 
     /// The folder's path.
