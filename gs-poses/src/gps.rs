@@ -1,6 +1,7 @@
 //! Scale and directions by the GPS positions of photographs.
 
-use glam::{DMat3, DQuat, DVec3, DVec4, dvec3};
+use glam::{DMat3, DQuat, DVec3, dvec3};
+use gs_core::math::similarity::Similarity;
 use serde::{Deserialize, Serialize};
 
 use crate::model::Registered;
@@ -13,9 +14,6 @@ const FITS: f64 = 3.0;
 
 /// Steps from a tolerance that takes all positions to one of [`ERROR`].
 const STEPS: i32 = 20;
-
-/// Steps of the power iteration.
-const POWERS: usize = 5_000;
 
 /// Radius of the Earth at the equator, m, and the square of its eccentricity (WGS 84).
 const EARTH: (f64, f64) = (6_378_137.0, 0.006_694_379_990_14);
@@ -64,22 +62,23 @@ pub(crate) fn align(images: &[Registered], position: impl Fn(&str) -> Option<Pos
     };
     let mut pairs: Vec<Pair> = found.iter().map(pair).collect();
     let widest = pairs.iter().map(|pair| pair.position.distance(pairs[0].position)).fold(ERROR, f64::max);
-    let mut fit = Fit::of(&pairs)?;
+    let mut similarity = fit(&pairs)?;
     for step in 0..=STEPS {
         let tolerance = ERROR * (widest / ERROR).powf(1.0 - f64::from(step) / f64::from(STEPS));
         for pair in &mut pairs {
-            let ratio = fit.residual(pair) / tolerance;
+            let ratio = residual(&similarity, pair) / tolerance;
             pair.weight = (1.0 + ratio * ratio).powi(-2);
         }
-        fit = Fit::of(&pairs)?;
+        similarity = fit(&pairs)?;
     }
     let residuals: Vec<f64> =
-        pairs.iter().map(|pair| fit.residual(pair)).filter(|residual| *residual < FITS * ERROR).collect();
+        pairs.iter().map(|pair| residual(&similarity, pair)).filter(|metres| *metres < FITS * ERROR).collect();
     let fitting = residuals.len();
     let residual_m = median(residuals)?;
-    let is_possible = fitting >= 3 && fitting * 2 > pairs.len() && fit.spread > ERROR && fit.spread > 2.0 * residual_m;
+    let spread = spread(&pairs, |pair| pair.position);
+    let is_possible = fitting >= 3 && fitting * 2 > pairs.len() && spread > ERROR && spread > 2.0 * residual_m;
     let gps = Gps { positions: pairs.len(), fitting, residual_m };
-    is_possible.then_some(Alignment { rotation: fit.rotation, scale: fit.scale, gps })
+    is_possible.then_some(Alignment { rotation: similarity.rotation, scale: similarity.scale, gps })
 }
 
 /// Metres east, down and north of another position, near a latitude.
@@ -93,70 +92,31 @@ fn metres(position: Position, from: Position, latitude: f64) -> DVec3 {
     dvec3(angle(1) * across * (1.0 - sine * sine).sqrt(), down, angle(0) * along)
 }
 
-/// The similarity from cameras to positions.
-struct Fit {
-    rotation: DQuat,
-    scale: f64,
-    /// Weighted means of cameras and of positions.
-    means: (DVec3, DVec3),
-    /// Root mean square distance of the positions from their mean, m.
-    spread: f64,
+/// The similarity from cameras to positions, by least squares. The model's up direction counts as one more
+/// observation, weighted by the error of a position.
+fn fit(pairs: &[Pair]) -> Option<Similarity> {
+    let (size, spread) = (spread(pairs, |pair| pair.camera), spread(pairs, |pair| pair.position));
+    let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
+    let up = DMat3::from_diagonal(DVec3::Y) * (total * ERROR * size * (ERROR / spread));
+    let pairs: Vec<_> = pairs.iter().map(|pair| (pair.camera, pair.position, pair.weight)).collect();
+    Similarity::between(&pairs, up).filter(|fit| size > 0.0 && fit.scale > 0.0)
 }
 
-impl Fit {
-    /// Least squares. The model's up direction counts as one more observation, weighted by the error of a position.
-    fn of(pairs: &[Pair]) -> Option<Self> {
-        let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
-        let mean = |of: fn(&Pair) -> DVec3| pairs.iter().map(|pair| of(pair) * pair.weight).sum::<DVec3>() / total;
-        let (from, to) = (mean(|pair| pair.camera), mean(|pair| pair.position));
-        let spread = |of: fn(&Pair) -> DVec3, mean: DVec3| {
-            (pairs.iter().map(|pair| pair.weight * of(pair).distance_squared(mean)).sum::<f64>() / total).sqrt()
-        };
-        let (size, spread) = (spread(|pair| pair.camera, from), spread(|pair| pair.position, to));
-        let known = DMat3::from_diagonal(DVec3::Y) * (total * ERROR * size * (ERROR / spread));
-        let covariance = pairs.iter().fold(known, |sum, pair| {
-            let (a, b) = ((pair.position - to) * pair.weight, pair.camera - from);
-            sum + DMat3::from_cols(a * b.x, a * b.y, a * b.z)
-        });
-        let rotation = best_rotation(covariance);
-        let along = |pair: &Pair| pair.weight * (pair.position - to).dot(rotation * (pair.camera - from));
-        let scale = pairs.iter().map(along).sum::<f64>() / (total * size * size);
-        let is_valid = scale.is_finite() && scale > 0.0 && rotation.is_finite() && spread > 0.0;
-        is_valid.then_some(Self { rotation, scale, means: (from, to), spread })
-    }
+/// Root mean square distance of points from their mean, weighted.
+fn spread(pairs: &[Pair], of: fn(&Pair) -> DVec3) -> f64 {
+    let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
+    let mean = pairs.iter().map(|pair| of(pair) * pair.weight).sum::<DVec3>() / total;
+    (pairs.iter().map(|pair| pair.weight * of(pair).distance_squared(mean)).sum::<f64>() / total).sqrt()
+}
 
-    /// Distance of a position from the camera, m.
-    fn residual(&self, pair: &Pair) -> f64 {
-        (self.rotation * (pair.camera - self.means.0) * self.scale).distance(pair.position - self.means.1)
-    }
+/// Distance of a position from the camera, m.
+fn residual(fit: &Similarity, pair: &Pair) -> f64 {
+    fit.apply(pair.camera).distance(pair.position)
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
-}
-
-/// The rotation R for which tr(R covariance') is largest; the covariance is the sum of position × camera'.
-///
-/// *Source:* Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987.
-fn best_rotation(covariance: DMat3) -> DQuat {
-    let s = covariance.to_cols_array_2d();
-    let trace = s[0][0] + s[1][1] + s[2][2];
-    let between = |a: usize, b: usize| s[a][b] + s[b][a];
-    let (x, y, z) = (s[1][2] - s[2][1], s[2][0] - s[0][2], s[0][1] - s[1][0]);
-    let rows = [
-        DVec4::new(trace, x, y, z),
-        DVec4::new(x, 2.0 * s[0][0] - trace, between(0, 1), between(0, 2)),
-        DVec4::new(y, between(0, 1), 2.0 * s[1][1] - trace, between(1, 2)),
-        DVec4::new(z, between(0, 2), between(1, 2), 2.0 * s[2][2] - trace),
-    ];
-    // Above the size of every eigenvalue, so that the largest is found.
-    let shift = rows.iter().map(|row| row.abs().element_sum()).fold(0.0, f64::max);
-    let mut q = DVec4::new(1.0, 0.1, 0.2, 0.3).normalize();
-    for _ in 0..POWERS {
-        q = (DVec4::from_array(rows.map(|row| row.dot(q))) + q * shift).normalize();
-    }
-    DQuat::from_xyzw(q.y, q.z, q.w, q.x)
 }
 
 #[cfg(test)]

@@ -7,8 +7,9 @@ use std::{
     process::{Command, Stdio},
 };
 
-use glam::{DQuat, DVec3, DVec4};
+use glam::{DMat3, DQuat, DVec3};
 use gs_conformance::data;
+use gs_core::math::similarity::Similarity;
 use gs_io::dataset::{DatasetSettings, read_dataset};
 
 use crate::{
@@ -75,23 +76,18 @@ fn poses(path: &Path) -> BTreeMap<String, Pose> {
 /// those of a person who turns around do nearly.
 fn differences(given: &BTreeMap<String, Pose>, found: &BTreeMap<String, Pose>) -> (f64, f64) {
     let pairs: Vec<(Pose, Pose)> = found.iter().filter_map(|(name, pose)| Some((*given.get(name)?, *pose))).collect();
-    let first = pairs[0].0.0 * pairs[0].1.0.inverse();
-    let turns = pairs.iter().map(|(a, b)| a.0 * b.0.inverse());
-    let sum = turns.fold(DVec4::ZERO, |sum, turn| sum + DVec4::from(if turn.dot(first) < 0.0 { -turn } else { turn }));
-    let turn = DQuat::from_vec4(sum.normalize());
     let count = pairs.len() as f64;
-    let middles = [0, 1].map(|i| pairs.iter().map(|(a, b)| [a.1, b.1][i]).sum::<DVec3>() / count);
-    let positions: Vec<_> = pairs.iter().map(|(a, b)| (a.1 - middles[0], turn * (b.1 - middles[1]))).collect();
-    let [both, given, made] = positions.iter().fold([0.0; 3], |[both, given, made], (a, b)| {
-        [both + a.dot(*b), given + a.length_squared(), made + b.length_squared()]
-    });
-    let spread = (given / count).sqrt();
+    let middle = pairs.iter().map(|(to, _)| to.1).sum::<DVec3>() / count;
+    let spread = (pairs.iter().map(|(to, _)| to.1.distance_squared(middle)).sum::<f64>() / count).sqrt();
+    let turns = pairs.iter().map(|(to, from)| DMat3::from_quat(to.0 * from.0.inverse())).sum::<DMat3>();
+    let points: Vec<_> = pairs.iter().map(|(to, from)| (from.1, to.1, 1.0)).collect();
+    let similarity = Similarity::between(&points, turns * (1e6 * spread * spread)).unwrap();
     let median = |mut values: Vec<f64>| {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     };
-    let degrees = pairs.iter().map(|(a, b)| a.0.angle_between(turn * b.0).to_degrees());
-    let distance = positions.iter().map(|(a, b)| a.distance(*b * (both / made)) / spread);
+    let degrees = pairs.iter().map(|(a, b)| a.0.angle_between(similarity.rotation * b.0).to_degrees());
+    let distance = pairs.iter().map(|(a, b)| a.1.distance(similarity.apply(b.1)) / spread);
     (median(degrees.collect()), median(distance.collect()))
 }
 

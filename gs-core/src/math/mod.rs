@@ -4,6 +4,7 @@
 pub mod packed_moments;
 pub mod perspective;
 pub mod sh;
+pub mod similarity;
 pub mod whitened;
 
 pub use crate::{image::completed, training::random_words};

@@ -1,7 +1,7 @@
 //! The common motion of all cameras, which images do not show: a similarity of the world.
 
-use glam::{DMat3, DQuat, DVec3};
-use gs_core::Camera;
+use glam::{DMat3, DVec3};
+use gs_core::{Camera, math::similarity::Similarity};
 
 /// Least spread of cameras relative to the extent of the scene from which their common scale is known.
 const LEAST_SPREAD: f64 = 1e-2;
@@ -16,25 +16,17 @@ fn placed(camera: &Camera) -> (DVec3, DMat3) {
 /// ones, in the least squares. An angle counts as much as the distance that it spans at `extent`.
 pub(super) fn keep(given: &[Camera], moved: &mut [Camera], extent: f64) {
     let places: Vec<_> = given.iter().zip(&*moved).map(|(given, moved)| (placed(given), placed(moved))).collect();
-    let count = places.len() as f64;
-    let mean = places.iter().map(|(_, (position, _))| *position).sum::<DVec3>() / count;
-    let shift = places.iter().map(|((to, _), (from, _))| *to - *from).sum::<DVec3>() / count;
-    let (mut matrix, mut right) = (DMat3::from_diagonal(DVec3::splat(count * extent * extent)), DVec3::ZERO);
-    let (mut along, mut spread) = (0.0, 0.0);
-    for ((to, axes_to), (from, axes_from)) in &places {
-        let (away, by) = (*from - mean, *to - *from - shift);
-        let squared = away.length_squared();
-        matrix +=
-            DMat3::from_diagonal(DVec3::splat(squared)) - DMat3::from_cols(away * away.x, away * away.y, away * away.z);
-        let turn = DQuat::from_mat3(&(*axes_to * axes_from.transpose())).to_scaled_axis();
-        right += away.cross(by) + extent * extent * turn;
-        (along, spread) = (along + away.dot(by), spread + squared);
+    let pairs: Vec<_> = places.iter().map(|((to, _), (from, _))| (*from, *to, 1.0)).collect();
+    // The squared distance of two rotations as matrices is twice the square of the angle between them.
+    let turns = places.iter().fold(DMat3::ZERO, |sum, ((_, to), (_, from))| sum + *to * from.transpose());
+    let Some(mut common) = Similarity::between(&pairs, turns * (extent * extent / 2.0)) else { return };
+    let spread = pairs.iter().map(|(from, ..)| from.distance_squared(common.from)).sum::<f64>();
+    if spread <= pairs.len() as f64 * (LEAST_SPREAD * extent).powi(2) {
+        common.scale = 1.0;
     }
-    let turn = DMat3::from_quat(DQuat::from_scaled_axis(matrix.inverse() * right));
-    let is_spread = spread > count * (LEAST_SPREAD * extent).powi(2);
-    let scale = if is_spread { 1.0 + along / spread } else { 1.0 };
+    let turn = DMat3::from_quat(common.rotation);
     for (camera, (_, (position, axes))) in moved.iter_mut().zip(places) {
-        let (position, axes) = (mean + shift + scale * (turn * (position - mean)), turn * axes);
+        let (position, axes) = (common.apply(position), turn * axes);
         let rotation = axes.transpose();
         (camera.rotation, camera.translation) = (rotation.as_mat3(), (-(rotation * position)).as_vec3());
     }
@@ -67,8 +59,7 @@ mod tests {
         let mut moved: Vec<Camera> = given.iter().map(common).collect();
         assert!(far(&given[0], &moved[0]) > 0.03);
         keep(&given, &mut moved, 3.0);
-        // The angles are small, and their squares are left.
-        assert!(given.iter().zip(&moved).all(|(a, b)| far(a, b) < 1e-3), "{moved:?}");
+        assert!(given.iter().zip(&moved).all(|(a, b)| far(a, b) < 1e-5), "{moved:?}");
         let mut single = given.clone();
         single[3] = single[3].moved(0.1 * Vec3::X, 0.05 * Vec3::Y);
         let wanted = far(&given[3], &single[3]);
