@@ -159,17 +159,25 @@ fn an_image_is_fitted_before_its_effects_are_examined() {
 fn corrections_of_a_training_are_priced_on_request() {
     let place = folder();
     let (dataset, scene) = dataset_and_scene(place.path());
-    let flags = ["--train", "12", "--size", "32x24", "--views", "2", "--repetitions", "1", "--backend", "cpu"];
+    let flags = ["--size", "32x24", "--views", "2", "--repetitions", "1", "--backend", "cpu"];
     let run = |more: &[&str]| gs(["effects", text(&scene), text(&dataset)].iter().chain(&flags).chain(more));
-    let report = run(&["--json"]).json();
+    let report = run(&["--train", "12", "--json"]).json();
     let [price] = &report["training"]["prices"].as_array().unwrap()[..] else { panic!("{report}") };
     assert_eq!((price["effect"].as_str(), report["training"]["steps"].as_u64()), (Some("exposure"), Some(12)));
     for side in ["with", "without"] {
         let numbers = ["milliseconds", "psnr", "color-matched"].map(|name| number(&price[side][name]));
         assert!(numbers.iter().all(|number| *number > 0.0), "{price}");
     }
-    let printed = run(&[]).done().stdout;
+    // Poses need 15 steps a view.
+    let printed = run(&["--train", "12"]).done().stdout;
     assert!(printed.contains("training of 12 steps") && printed.contains("\nexposure "), "{printed}");
+    assert!(!printed.contains("\nposes "), "{printed}");
+    let report = run(&["--train", "90", "--json"]).json();
+    let [_, poses] = &report["training"]["prices"].as_array().unwrap()[..] else { panic!("{report}") };
+    assert_eq!(poses["effect"].as_str(), Some("poses"));
+    for side in ["with", "without"] {
+        assert!(number(&poses[side]["milliseconds"]) > 0.0 && number(&poses[side]["pose-matched"]) > 0.0, "{poses}");
+    }
 }
 
 /// Runs `gs frontier` as quickly as possible; times are not tested.

@@ -1,6 +1,6 @@
 //! The similarity of the world that takes points, and directions, to others.
 
-use glam::{DMat3, DQuat, DVec3, DVec4};
+use glam::{DAffine3, DMat3, DQuat, DVec3, DVec4};
 
 /// Most steps of the power iteration.
 const POWERS: usize = 5_000;
@@ -31,9 +31,8 @@ impl Similarity {
     /// *Source:* Horn 1987, *Closed-form solution of absolute orientation using unit quaternions*.
     pub fn between(pairs: &[(DVec3, DVec3, f64)], turns: DMat3) -> Option<Self> {
         let total: f64 = pairs.iter().map(|(.., weight)| weight).sum();
-        let mean = |of: fn(&(DVec3, DVec3, f64)) -> DVec3| {
-            pairs.iter().map(|pair| of(pair) * pair.2).sum::<DVec3>() / total
-        };
+        let mean =
+            |of: fn(&(DVec3, DVec3, f64)) -> DVec3| pairs.iter().map(|pair| of(pair) * pair.2).sum::<DVec3>() / total;
         let (from, to) = (mean(|pair| pair.0), mean(|pair| pair.1));
         let covariance = pairs.iter().fold(turns, |sum, (a, b, weight)| {
             let (a, b) = (*a - from, (*b - to) * *weight);
@@ -53,6 +52,13 @@ impl Similarity {
     #[must_use]
     pub fn apply(&self, point: DVec3) -> DVec3 {
         self.to + self.scale * (self.rotation * (point - self.from))
+    }
+
+    /// The same as an affine map.
+    #[must_use]
+    pub fn to_affine(&self) -> DAffine3 {
+        let shift = self.apply(DVec3::ZERO);
+        DAffine3::from_scale_rotation_translation(DVec3::splat(self.scale), self.rotation, shift)
     }
 }
 
@@ -104,6 +110,7 @@ mod tests {
         let found = Similarity::between(&pairs, DMat3::ZERO).unwrap();
         assert!(found.rotation.angle_between(wanted.rotation) < 1e-7 && (found.scale - 3.0).abs() < 1e-9, "{found:?}");
         assert!(found.apply(DVec3::Z).distance(wanted.apply(DVec3::Z)) < 1e-8, "{found:?}");
+        assert!(found.to_affine().transform_point3(DVec3::Y).distance(found.apply(DVec3::Y)) < 1e-9);
     }
 
     #[test]

@@ -73,8 +73,8 @@ pub struct Speed {
     /// Number of points that the training starts from.
     points: usize,
     training_views: usize,
-    /// Time of a run with its trial of poses, relative to one without.
-    with_trial: f64,
+    /// Time of a run in which poses are refined, with its trial and what precedes it, relative to one without.
+    with_poses: f64,
     /// Number of views whose images are still to be read.
     unread: usize,
 }
@@ -201,7 +201,11 @@ impl Speed {
         // Threads read while others train, and share the cores with them.
         let read = reading.seconds / (reading.read.max(1) * rayon::current_num_threads()) as f64;
         let unread = images.saturating_sub(reading.read);
-        let with_trial = if settings.refine_poses == RefinePoses::Auto { 1.05 } else { 1.0 };
+        let with_poses = match settings.refine_poses {
+            RefinePoses::Off => 1.0,
+            RefinePoses::On => 1.1,
+            RefinePoses::Auto => 1.15,
+        };
         Ok(Self {
             step,
             round,
@@ -213,7 +217,7 @@ impl Speed {
             given,
             points,
             training_views,
-            with_trial,
+            with_poses,
             unread,
         })
     }
@@ -267,7 +271,7 @@ impl Speed {
         let maps = self.view * (self.training_views * solutions) as f64;
         let measuring = self.view_seconds(settings) * measured as f64;
         let evaluation = self.evaluation_seconds(settings) * evaluated as f64;
-        self.with_trial * (steps + rounds) + self.read * self.unread as f64 + maps + measuring + evaluation
+        self.with_poses * (steps + rounds) + self.read * self.unread as f64 + maps + measuring + evaluation
     }
 }
 
@@ -389,7 +393,7 @@ mod tests {
             given: 0,
             points: 0,
             training_views,
-            with_trial: 1.0,
+            with_poses: 1.0,
             unread: training_views,
         }
     }
@@ -419,6 +423,12 @@ mod tests {
             assert!(planned <= seconds && (planned > 0.97 * seconds || settings.iterations == 12_000), "{seconds}");
             assert!(settings.iterations >= before, "{seconds} s: {} steps", settings.iterations);
             before = settings.iterations;
+            // Refined poses take their share.
+            let with_poses = Speed { with_poses: 1.15, ..speed(100) };
+            let camera = vec![Camera::looking_forward(400, 400, 1.0); 100];
+            let fewer = TrainPreset::settings_within(seconds, &with_poses, COLMAP, &camera, None, MEASURED).unwrap();
+            assert!(fewer.iterations < settings.iterations || before == 12_000, "{seconds}: {}", fewer.iterations);
+            assert!(with_poses.seconds(&fewer, MEASURED) <= seconds, "{seconds}");
         }
         assert_eq!(before, 12_000);
         assert!(within(2.0, 100).is_none());

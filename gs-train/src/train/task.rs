@@ -53,7 +53,7 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     /// Whether the images' targets take as little memory as possible.
     compact: bool,
     exposures: Exposures,
-    poses: Poses,
+    pub(super) poses: Poses,
     depths: DepthMaps<R::Target>,
     /// Checksums of the views' images, those that are known.
     digests: Vec<OnceLock<u32>>,
@@ -115,6 +115,11 @@ impl SceneTask for Scene3d {
         let [means, log_scales, sh] = [means, log_scales, sh].map(|vectors| cast_slice_mut(vectors));
         vec![means, log_scales, rotations.as_flattened_mut(), opacity_logits, sh]
     }
+}
+
+/// The divisor of the images' sides in the step after `step` steps.
+fn factor(settings: &TrainSettings, step: u32) -> u32 {
+    settings.resolution.factor(step as f32 / settings.iterations as f32)
 }
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
@@ -224,17 +229,11 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })
     }
 
-    /// The divisor of the images' sides in the step after `step` steps.
-    fn factor(&self, settings: &TrainSettings, step: u32) -> u32 {
-        let factor = settings.resolution.factor(step as f32 / settings.iterations as f32);
-        factor.max(self.poses.factor(step, settings.iterations))
-    }
-
     /// The camera of a training view at the resolution of the step after `step` steps, and the
     /// divisor of its sides.
     fn reduced(&self, index: usize, settings: &TrainSettings, step: u32) -> (Camera, u32) {
         let camera = &self.views.train[index].camera;
-        let factor = possible(camera, self.factor(settings, step));
+        let factor = possible(camera, factor(settings, step));
         (if factor > 1 { reduced_camera(camera, factor) } else { *camera }, factor)
     }
 }
@@ -281,7 +280,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         if self.exposures.is_due(settings.exposure, views, step, settings.iterations) {
             let render = shown(settings, &Effects { statistics: Statistics::None, ..effects });
             let were_used = self.exposures.are_used();
-            let factor = self.factor(settings, step);
+            let factor = factor(settings, step);
             self.exposures.solve((on, splats), &self.views.train, &render, (settings.exposure, factor)).await?;
             if were_used || self.exposures.are_used() {
                 self.images.forget();
@@ -319,7 +318,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let StepContext { step, effects, full_depth, lr_scale, binning } = context;
         self.read_ahead(settings, step);
         let (progress, views) = (step as f32 / settings.iterations as f32, self.views.train.len() as u32);
-        if step.is_multiple_of(views) {
+        // A step that only measures the loss moves nothing.
+        let learns = lr_scale > 0.0;
+        if learns && step.is_multiple_of(views) {
             let now = (step, settings.iterations);
             self.poses.move_cameras((on, splats), &mut self.views.train, self.extent, now).await?;
         }
@@ -331,7 +332,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         render.effects = Effects { background, ..effects };
         render.full_depth = full_depth;
         render.dropout = settings.dropout_at(step);
-        render.camera_gradient = self.poses.needs_gradient(step, settings.iterations);
+        render.camera_gradient = learns && self.poses.needs_gradient(step, settings.iterations);
         let rates = settings.rates_at(step, self.extent).times(lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 

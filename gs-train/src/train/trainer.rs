@@ -50,7 +50,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         }
         settings.remove_unseen &= !matches!(start, Start::Scene(_));
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
-        let views = views.cached();
+        let mut views = views.cached();
         let mut start = start.searched(&views.train)?;
         let points = start.points(&settings.init);
         settings = settings.for_points(points);
@@ -58,20 +58,20 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             start = start.with_shell(&views.train)?;
         }
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
-        let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
+        let mut scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
         let mut gaussians = scene.means.iter().zip(&scene.log_scales);
         if !gaussians.any(|(mean, scales)| cameras.iter().any(|camera| sees(camera, *mean, scales.max_element()))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
         }
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
         settings.validate()?;
-        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         let images = fingerprint(&views);
+        let poses = Poses::at_start(rasterizer, &mut views, (&mut scene, extent), &settings).await?;
+        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         let guides = match settings.depth_loss.is_off() {
             true => Guides::default(),
             false => Guides::of(&views.train, &scene.means)?,
         };
-        let poses = Poses::at_start(rasterizer, &views, (&scene, extent), &settings).await?;
         let record = Record::beginning(settings, images);
         let task = ViewsTask::new(views, &[], extent, (Exposures::default(), poses), guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);

@@ -98,17 +98,20 @@ fn exact_poses_stay_and_the_run_has_the_bits_of_one_without_refinement() {
 }
 
 #[test]
-fn a_trial_has_the_same_result_on_any_number_of_threads() {
-    let begun = |threads: usize| {
+fn runs_begin_alike_on_any_number_of_threads() {
+    let begun = |threads: usize, refine: RefinePoses| {
         let level = None;
         let on = CpuRasterizer::new(CpuSettings::default().with(|s| (s.threads, s.level) = (Some(threads), level)));
         let on = on.unwrap();
-        let settings = settings(RefinePoses::Auto);
-        let trainer = Trainer3d::from_views(&on, views(&on), Start::Random, settings).block_on().unwrap();
+        let views = with_disturbed(views(&on));
+        let trainer = Trainer3d::from_views(&on, views, Start::Random, settings(refine)).block_on().unwrap();
         assert_eq!(trainer.step(), 0);
-        trainer.poses().unwrap()
+        let cameras: Vec<Camera> = trainer.views().train_cameras().copied().collect();
+        (trainer.poses().unwrap(), cameras, trainer.scene().block_on().unwrap())
     };
-    assert_eq!(begun(1), begun(3));
+    for refine in [RefinePoses::On, RefinePoses::Auto] {
+        assert!(begun(1, refine) == begun(3, refine), "{refine}");
+    }
 }
 
 #[test]

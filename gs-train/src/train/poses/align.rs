@@ -151,8 +151,13 @@ impl Sight {
     }
 }
 
-/// Numbers of pixels with which a view is aligned, one after the other, and steps for each.
-const FINER: [(u64, u32); 4] = [(2_500, 4), (10_000, 4), (40_000, 3), (160_000, 3)];
+/// Numbers of pixels with which a view is aligned, one after the other, and steps for each. A number that is there
+/// again measures slopes and depths anew, where the steps before led.
+const FINER: [(u64, u32); 7] =
+    [(2_500, NUDGES), (10_000, 4), (10_000, 4), (10_000, 4), (40_000, 3), (40_000, 3), (160_000, 3)];
+
+/// Steps with a small image.
+const NUDGES: u32 = 4;
 
 /// The camera of a view, aligned to the left half of its image.
 ///
@@ -181,8 +186,7 @@ pub(super) async fn nudged<R: Rasterizer<Scene3d>>(
     render: &RenderSettings,
     half: Half,
 ) -> Result<Camera, Error> {
-    let (_, steps) = FINER[0];
-    Sight::new(&view.image()?, 1, render)?.aligned(scene, &view.camera, render, (half, steps)).await
+    Sight::new(&view.image()?, 1, render)?.aligned(scene, &view.camera, render, (half, NUDGES)).await
 }
 
 /// A camera moved by a twist (v, ω).
@@ -278,8 +282,8 @@ fn motion(rows: &[Row], residuals: &[DVec3], scale: f64) -> Option<[f64; 6]> {
 
 /// The factor L of a symmetric matrix L Lᵀ, of which the lower triangle is given, by Cholesky; `None` where
 /// it is not positive definite.
-pub(super) fn factored(mut a: [[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
-    for i in 0..6 {
+pub(super) fn factored<const N: usize>(mut a: [[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    for i in 0..N {
         for j in 0..=i {
             let rest = a[i][j] - (0..j).map(|k| a[i][k] * a[j][k]).sum::<f64>();
             a[i][j] = match i == j {
@@ -293,13 +297,13 @@ pub(super) fn factored(mut a: [[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
 }
 
 /// x of the system A x = b with the lower triangle of a symmetric A; `None` where A is not positive definite.
-fn solve(a: [[f64; 6]; 6], mut b: [f64; 6]) -> Option<[f64; 6]> {
+pub(super) fn solve<const N: usize>(a: [[f64; N]; N], mut b: [f64; N]) -> Option<[f64; N]> {
     let a = factored(a)?;
-    for i in 0..6 {
+    for i in 0..N {
         b[i] = (b[i] - (0..i).map(|k| a[i][k] * b[k]).sum::<f64>()) / a[i][i];
     }
-    for i in (0..6).rev() {
-        b[i] = (b[i] - (i + 1..6).map(|k| a[k][i] * b[k]).sum::<f64>()) / a[i][i];
+    for i in (0..N).rev() {
+        b[i] = (b[i] - (i + 1..N).map(|k| a[k][i] * b[k]).sum::<f64>()) / a[i][i];
     }
     Some(b)
 }

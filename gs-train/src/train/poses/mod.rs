@@ -1,30 +1,33 @@
 //! Refinement of camera poses: the cameras of the training views move while the scene is trained.
 //!
-//! Each step also gives the gradient of its loss by the camera. After each epoch, every camera moves
-//! against its gradient ([`descent`]), and the common motion of the cameras, which no image shows, is
-//! taken out ([`gauge`]). The images of the first steps are so small that a wrong pose is an error of a
-//! pixel or less: a scene trained on more pixels fits the wrong poses of few views, and then no gradient
-//! corrects them. *Source:* gradients by the pose as in gsplat, from coarse to fine as in BARF (Lin et
+//! They first move in a short training before the run, with few Gaussians and on images that are so small
+//! that a wrong pose is an error of a pixel or less ([`small`]). A scene of many Gaussians fits the wrong poses
+//! of few views, and then no gradient corrects them; that of the run therefore begins anew. In the run, cameras
+//! move on by little. In both, each step also gives the gradient of its loss by the camera, and after each epoch,
+//! every camera moves against its gradient ([`descent`]). The common motion of the cameras, which no image shows,
+//! is taken out ([`gauge`]). *Source:* gradients by the pose as in gsplat, from coarse to fine as in BARF (Lin et
 //! al. 2021).
 
 pub(super) mod align;
 mod descent;
 mod gauge;
+mod small;
 mod trial;
 
 use std::collections::BTreeMap;
 
-use gs_core::{Camera, Optimizer, Scene3d, Wait};
+use gs_core::{Camera, Optimizer, Scene3d, Wait, math::similarity::Similarity};
 use serde::{Deserialize, Serialize};
 
 use self::{
     descent::{Descent, by_pose},
+    small::Small,
     trial::Trial,
 };
 use super::settings::TrainSettings;
 use crate::error::Error;
 use crate::run::{table, to_table};
-use crate::views::{PosedView, Resolution, Views};
+use crate::views::{PosedView, Views};
 
 gs_core::choices! {
     /// Whether the poses of the training views' cameras are refined along with the scene.
@@ -62,18 +65,27 @@ impl RefinePoses {
 /// Fewest epochs of a run in which cameras move.
 const LEAST_EPOCHS: u32 = 15;
 
-/// Share of a run until which cameras move.
-const UNTIL: f64 = 0.7;
+/// How the cameras of a training move.
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    /// Share of the training until which they move.
+    until: f64,
+    /// The way that a camera would go if all its steps had the same direction, as a share of the longer side of
+    /// its image. Steps become shorter at a constant rate until they are 0.
+    way: f64,
+    /// Whether their common motion is taken out after each epoch.
+    keeps_mean: bool,
+}
 
-/// The way that a camera would go if all its steps had the same direction, as a share of the longer side of
-/// its image. Steps become shorter at a constant rate until they are 0.
-const WAY: f64 = 0.05;
+impl Motion {
+    /// On small images, before the run. The first Gaussians hold the cameras in place together.
+    const BEFORE_RUN: Self = Self { until: 1.0, way: 0.05, keeps_mean: false };
 
-/// Number of pixels of the largest image in the first steps.
-const FIRST_PIXELS: u64 = 4_000;
+    const IN_RUN: Self = Self { until: 0.7, way: 0.015, keeps_mean: true };
+}
 
-/// Share of a run after which images have their full size.
-const FULL_AFTER: f32 = 0.4;
+/// Share of a training after which its cameras begin to move, when its scene shows something.
+const FROM: f64 = 0.1;
 
 /// Key of the cameras in the metadata of checkpoints.
 const KEY: &str = "refined-poses";
@@ -139,53 +151,79 @@ struct OfView {
     descent: Descent,
 }
 
-/// The poses of a run.
-#[derive(Debug, Default)]
+/// The poses of a training.
+#[derive(Debug)]
 pub(super) struct Poses {
     /// The cameras of the training views as they were given; empty where poses are not refined.
     given: Vec<Camera>,
     state: State,
     /// Views of the steps whose gradients have not been collected.
     sent: Vec<usize>,
-    /// Divisor of the images' sides in the first steps.
-    coarsest: u32,
+    motion: Motion,
+}
+
+impl Default for Poses {
+    /// Those of a run that does not refine them.
+    fn default() -> Self {
+        Self { given: Vec::new(), state: State::default(), sent: Vec::new(), motion: Motion::IN_RUN }
+    }
 }
 
 impl Poses {
-    /// The poses of a run that begins with this scene. With [`RefinePoses::Auto`], a trial decides about them.
+    /// The poses of a run that begins with this scene. With [`RefinePoses::Auto`], a trial decides about them. Where
+    /// they are refined, the cameras of the training views have moved on small images afterwards, and the scene
+    /// with them, as far as they moved together.
     ///
     /// # Errors
-    /// Those of the trial.
+    /// Those of the backend, of training, and of reading an image.
     pub(super) async fn at_start<R: Optimizer<Scene3d>>(
         on: &R,
-        views: &Views,
-        (scene, extent): (&Scene3d, f32),
+        views: &mut Views,
+        (scene, extent): (&mut Scene3d, f32),
         settings: &TrainSettings,
     ) -> Result<Self, Error> {
         let refine = settings.refine_poses;
         if refine.is_off() {
             return Ok(Self::default());
         }
-        let of_view = |PosedView { camera, .. }: &PosedView| OfView {
-            pose: pose_of(camera),
-            descent: Descent::of(camera, &scene.means),
-        };
-        let of_views = views.train.iter().map(of_view).collect();
-        let mut poses = Self::with(&views.train, State { of_views, ..State::default() });
-        if refine == RefinePoses::Auto && poses.is_moving(settings.iterations) {
-            let trial = Trial::run(on, views, scene, settings).await?;
+        let mut poses = Self::moving(&views.train, scene, Motion::IN_RUN);
+        if !poses.is_moving(settings.iterations) {
+            return Ok(poses);
+        }
+        let small = Small::of(&views.train, scene)?;
+        if refine == RefinePoses::Auto {
+            let trial = Trial::run(on, views, &small, settings).await?;
             poses.state.trial_db = Some(trial.gain() as f32);
             if !trial.shows_wrong_poses() {
                 let report = PosesReport { used: false, ..poses.report_on(&trial.aligned, extent) };
                 poses.state = State { report: Some(report), ..State::default() };
+                return Ok(poses);
             }
+        }
+        let mut cameras = small.moved(on, views.train_cameras(), settings).await?;
+        if let Some(common) = poses.keep(&mut cameras, extent) {
+            // Turns and scales lose nothing.
+            let _lost = gs_io::transform_scene(scene, &common.to_affine());
+        }
+        poses.put(&mut views.train, cameras, extent);
+        for (view, of_view) in views.train.iter().zip(&mut poses.state.of_views) {
+            of_view.descent = Descent::of(&view.camera, &scene.means);
         }
         Ok(poses)
     }
 
+    /// Those of views whose cameras move like this, with a scene.
+    fn moving(views: &[PosedView], scene: &Scene3d, motion: Motion) -> Self {
+        let of_view = |PosedView { camera, .. }: &PosedView| OfView {
+            pose: pose_of(camera),
+            descent: Descent::of(camera, &scene.means),
+        };
+        let state = State { of_views: views.iter().map(of_view).collect(), ..State::default() };
+        Self { motion, ..Self::with(views, state) }
+    }
+
     fn with(views: &[PosedView], state: State) -> Self {
-        let given = views.iter().map(|view| view.camera).collect();
-        Self { given, state, sent: Vec::new(), coarsest: coarsest(views) }
+        Self { given: views.iter().map(|view| view.camera).collect(), state, ..Self::default() }
     }
 
     /// The poses of a checkpoint with this metadata, which the training views receive.
@@ -234,13 +272,8 @@ impl Poses {
 
     /// Whether the step after `step` of `iterations` steps is to give the gradient by its camera.
     pub(super) fn needs_gradient(&self, step: u32, iterations: u32) -> bool {
-        self.is_moving(iterations) && f64::from(step) < UNTIL * f64::from(iterations)
-    }
-
-    /// Divisor of the images' sides in that step, at least.
-    pub(super) fn factor(&self, step: u32, iterations: u32) -> u32 {
-        let resolution = Resolution::CoarseToFine { from: self.coarsest, full_after: FULL_AFTER };
-        if self.is_moving(iterations) { resolution.factor(step as f32 / iterations as f32) } else { 1 }
+        let progress = f64::from(step) / f64::from(iterations);
+        self.is_moving(iterations) && progress >= FROM && progress < self.motion.until
     }
 
     /// Notes that a step with this view gives a gradient.
@@ -281,22 +314,37 @@ impl Poses {
         if gradients.is_empty() {
             return Ok(());
         }
+        let Motion { until, way, keeps_mean } = self.motion;
         let progress = f64::from(step) / f64::from(iterations);
-        let steps = UNTIL * f64::from(iterations) / views.len() as f64;
-        let share = 2.0 * WAY / steps * (1.0 - progress / UNTIL).max(0.0);
+        let steps = (until - FROM) * f64::from(iterations) / views.len() as f64;
+        let share = 2.0 * way / steps * ((until - progress) / (until - FROM)).clamp(0.0, 1.0);
         let mut cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
         for (index, gradient) in gradients {
             let camera = &mut cameras[index];
             let length = share * f64::from(camera.width.max(camera.height));
             *camera = self.state.of_views[index].descent.step(camera, &gradient, length);
         }
-        gauge::keep(&self.given, &mut cameras, f64::from(extent));
+        if keeps_mean {
+            self.keep(&mut cameras, extent);
+        }
+        self.put(views, cameras, extent);
+        Ok(())
+    }
+
+    /// Takes the common motion out of moved cameras, and returns it.
+    fn keep(&self, cameras: &mut [Camera], extent: f32) -> Option<Similarity> {
+        let given = self.given.iter().zip(&self.state.of_views).map(|(camera, view)| (*camera, &view.descent));
+        gauge::keep(cameras, &given.collect::<Vec<_>>(), f64::from(extent))
+    }
+
+    /// Puts the cameras of the training views where these ones are.
+    fn put(&mut self, views: &mut [PosedView], cameras: Vec<Camera>, extent: f32) {
+        for ((view, camera), of_view) in views.iter_mut().zip(&cameras).zip(&mut self.state.of_views) {
+            of_view.pose = pose_of(camera);
+            view.camera = with_pose(&view.camera, &of_view.pose);
+        }
         let moved: Vec<(usize, Camera)> = cameras.into_iter().enumerate().collect();
         self.state.report = Some(self.report_on(&moved, extent));
-        for ((view, (_, camera)), of_view) in views.iter_mut().zip(&moved).zip(&mut self.state.of_views) {
-            (view.camera, of_view.pose) = (*camera, pose_of(camera));
-        }
-        Ok(())
     }
 
     /// The report on cameras of training views with these numbers.
@@ -310,13 +358,6 @@ impl Poses {
         let trial_db = *trial_db;
         PosesReport { used: true, trial_db, median_px, median_degrees, most_degrees, median_percent, most_percent }
     }
-}
-
-/// The divisor of the sides of images in the first steps, a power of two.
-fn coarsest(views: &[PosedView]) -> u32 {
-    let cameras = views.iter().map(|view| &view.camera);
-    let largest = cameras.max_by_key(|camera| u64::from(camera.width) * u64::from(camera.height));
-    largest.map_or(1, |camera| align::divisor(camera, FIRST_PIXELS))
 }
 
 /// Turn of a camera, degrees, and its distance from where it was, % of the extent.

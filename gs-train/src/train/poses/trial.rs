@@ -5,21 +5,18 @@
 //! the given pose is wrong, the other half matches better after that, and where it is right it does not: the
 //! noise of the alignment costs a little.
 
-use std::sync::Arc;
-
-use gs_core::{Camera, Optimizer, Scene as _, Scene3d};
-use gs_density::Policy;
-use rayon::prelude::*;
+use gs_core::{Camera, Optimizer, Scene3d};
 
 use super::{
-    FIRST_PIXELS, RefinePoses,
+    RefinePoses,
     align::{self, Half},
+    small::{Small, share_of},
 };
 use crate::{
     error::Error,
     start::Start,
-    train::{evaluation::of_half, presets::TrainPreset, settings::TrainSettings, trainer::Trainer3d},
-    views::{PosedView, Resolution, Views, reduced, reduced_camera},
+    train::{evaluation::of_half, settings::TrainSettings, trainer::Trainer3d},
+    views::Views,
 };
 
 /// Share of the pixels of a run's steps that the steps of its trial may have. Images are smaller at first in
@@ -42,15 +39,6 @@ const LEAST_PARTS: usize = 4;
 /// Gain that counts, dB: refinement costs at least that where poses are right.
 const LEAST_DB: f64 = 0.1;
 
-/// Number of standard deviations by which the ranks must exceed those of chance.
-const CLEAR: f64 = 1.0;
-
-/// Most Gaussians: about one for two pixels of an image.
-const MOST_GAUSSIANS: usize = 2_000;
-
-/// Factor of the learning rate of colours: a trial is so short.
-const FASTER: f32 = 8.0;
-
 /// What a trial found.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Trial {
@@ -61,28 +49,24 @@ pub(super) struct Trial {
 }
 
 impl Trial {
-    /// Tries the poses of these training views with this first scene, before a run with these settings.
+    /// Tries the poses of these training views on their small images, before a run with these settings.
     ///
     /// # Errors
     /// Those of the backend, of training, and of reading an image.
     pub(super) async fn run<R: Optimizer<Scene3d>>(
         on: &R,
         views: &Views,
-        scene: &Scene3d,
+        small: &Small,
         settings: &TrainSettings,
     ) -> Result<Self, Error> {
-        let small: Vec<_> = views.train.par_iter().map(small).collect();
-        // The first error, whichever thread was faster.
-        let small: Vec<PosedView> = small.into_iter().collect::<Result<_, _>>()?;
-        let thin = thinned(scene);
         let Plan { parts, trainings, steps } = Plan::of(views.train_cameras(), settings.iterations);
         let (mut aligned, mut gains) = (Vec::new(), Vec::new());
         for part in 0..trainings {
-            let (test, train): (Vec<_>, Vec<_>) = (0..small.len()).partition(|index| index % parts == part);
-            let of = |indices: &[usize]| indices.iter().map(|&index| small[index].clone()).collect::<Vec<_>>();
-            let (views_of_part, settings) = (Views::new(of(&train), of(&test)), of_trial(settings, steps));
+            let (test, train): (Vec<_>, Vec<_>) = (0..small.views.len()).partition(|index| index % parts == part);
+            let of = |indices: &[usize]| indices.iter().map(|&index| small.views[index].clone()).collect::<Vec<_>>();
+            let (views_of_part, settings) = (Views::new(of(&train), of(&test)), small.settings(settings, steps));
             // In a box, because the trainer of the run begins with the same code.
-            let begun = Box::pin(Trainer3d::from_views(on, views_of_part, Start::Scene(thin.clone()), settings));
+            let begun = Box::pin(Trainer3d::from_views(on, views_of_part, Start::Scene(small.scene.clone()), settings));
             let mut trainer = begun.await?;
             trainer.run(&mut ()).await?;
             let render = trainer.shown();
@@ -113,8 +97,9 @@ impl Trial {
         self.gains.iter().sum::<f64>() / self.gains.len().max(1) as f64
     }
 
-    /// Whether views match better by [`LEAST_DB`] once they are aligned: by ranks, because a single alignment
-    /// that goes astray costs more than many gain. Never by one half alone.
+    /// Whether views match better by [`LEAST_DB`] once they are aligned: by the sum of ranks of the gains, against
+    /// the one that chance has in the mean, because a single alignment that goes astray costs more than many gain.
+    /// Never by one half alone.
     ///
     /// *Source:* Wilcoxon 1945, *Individual Comparisons by Ranking Methods*.
     pub(super) fn shows_wrong_poses(&self) -> bool {
@@ -122,8 +107,8 @@ impl Trial {
         gains.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
         let better = (1..).zip(&gains).filter(|(_, gain)| **gain > 0.0).map(|(rank, _)| f64::from(rank)).sum::<f64>();
         let count = gains.len() as f64;
-        let (mean, variance) = (count * (count + 1.0) / 4.0, count * (count + 1.0) * (2.0 * count + 1.0) / 24.0);
-        better - mean > CLEAR * variance.sqrt()
+        let by_chance = count * (count + 1.0) / 4.0;
+        gains.len() > 1 && better > by_chance
     }
 }
 
@@ -142,49 +127,13 @@ impl Plan {
     fn of<'a>(cameras: impl ExactSizeIterator<Item = &'a Camera>, iterations: u32) -> Self {
         let views = cameras.len();
         let parts = (views / ENOUGH_VIEWS).max(LEAST_PARTS).min(views.max(1));
-        let pixels = |camera: &Camera| f64::from(camera.width) * f64::from(camera.height);
-        let [all, small] = cameras.fold([0.0; 2], |[all, small], camera| {
-            [all + pixels(camera), small + pixels(&reduced_camera(camera, factor(camera)))]
-        });
-        let most = ((SHARE * f64::from(iterations) * all / small) as u32).max(LEAST_STEPS);
+        let most = share_of(SHARE, iterations, cameras).max(LEAST_STEPS);
         let steps = RefinePoses::steps(ENOUGH_EPOCHS, views).max(ENOUGH_STEPS).min(most);
         let needed = ENOUGH_VIEWS.div_ceil(views.div_ceil(parts).max(1)).min(parts);
         // A training needs a view.
         let needed = if views > 1 { needed } else { 0 };
         Self { parts, trainings: needed.min((most / steps) as usize), steps }
     }
-}
-
-/// At most [`MOST_GAUSSIANS`] of a scene, evenly drawn, and larger where that leaves gaps.
-fn thinned(scene: &Scene3d) -> Scene3d {
-    let every = scene.len().div_ceil(MOST_GAUSSIANS).max(1);
-    let mut thin: Scene3d = (0..scene.len()).step_by(every).map(|index| scene.gaussian(index).with_degree(0)).collect();
-    thin.log_scales.iter_mut().for_each(|scale| *scale += (every as f32).ln() / 3.0);
-    thin
-}
-
-/// The divisor of a view's sides in a trial, that of the first steps of a run whose cameras move.
-fn factor(camera: &Camera) -> u32 {
-    align::divisor(camera, FIRST_PIXELS)
-}
-
-/// The view at the size of a trial.
-fn small(view: &PosedView) -> Result<PosedView, Error> {
-    let factor = factor(&view.camera);
-    let source = Arc::new(reduced(&view.image()?, factor)?);
-    Ok(PosedView { name: view.name.clone(), camera: reduced_camera(&view.camera, factor), source })
-}
-
-/// Settings for a training of this many steps. They are the same for all presets, except for how pixels look.
-fn of_trial(settings: &TrainSettings, steps: u32) -> TrainSettings {
-    TrainPreset::Quick.settings(Some(steps)).with_gaussians(MOST_GAUSSIANS as u32).with(|s| {
-        (s.seed, s.extent) = (settings.seed, settings.extent);
-        (s.background, s.render) = (settings.background, settings.render);
-        s.render.effects.sh_degree = 0;
-        s.policy = Policy::None;
-        s.resolution = Resolution::Full;
-        s.adam.color.learning_rate *= FASTER;
-    })
 }
 
 #[cfg(test)]

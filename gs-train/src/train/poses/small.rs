@@ -1,0 +1,113 @@
+//! A run's first scene and views, small enough that a training with them takes a few percent of the run's time.
+
+use std::sync::Arc;
+
+use gs_core::{Camera, Optimizer, Scene as _, Scene3d};
+use gs_density::Policy;
+use rayon::prelude::*;
+
+use super::{Motion, Poses, RefinePoses, align};
+use crate::{
+    error::Error,
+    start::Start,
+    train::{presets::TrainPreset, settings::TrainSettings, trainer::Trainer3d},
+    views::{PosedView, Resolution, Views, reduced, reduced_camera},
+};
+
+/// Number of pixels of an image: so few that a wrong pose is an error of a pixel or less.
+const PIXELS: u64 = 4_000;
+
+/// Most Gaussians: about one for two pixels of an image. More would fit the images of few views with wrong poses,
+/// too, and then no gradient corrects these.
+const MOST_GAUSSIANS: usize = 2_000;
+
+/// Factor of the learning rate of colours: a training is so short.
+const FASTER: f32 = 8.0;
+
+/// Share of the pixels of a run's steps that the steps in which cameras move before it may have, and bounds of
+/// the number of epochs.
+const SHARE: f64 = 0.06;
+const EPOCHS: [u32; 2] = [15, 80];
+
+/// Small views, and a scene for them.
+#[derive(Debug)]
+pub(super) struct Small {
+    pub(super) views: Vec<PosedView>,
+    pub(super) scene: Scene3d,
+}
+
+impl Small {
+    /// Of training views and the first scene of a run.
+    ///
+    /// # Errors
+    /// Those of reading an image.
+    pub(super) fn of(views: &[PosedView], scene: &Scene3d) -> Result<Self, Error> {
+        let views: Vec<_> = views.par_iter().map(small).collect();
+        // The first error, whichever thread was faster.
+        let views = views.into_iter().collect::<Result<_, _>>()?;
+        Ok(Self { views, scene: thinned(scene) })
+    }
+
+    /// Settings for a training of this many steps. They are the same for all presets, except for how pixels look.
+    pub(super) fn settings(&self, of_run: &TrainSettings, steps: u32) -> TrainSettings {
+        TrainPreset::Quick.settings(Some(steps)).with_gaussians(MOST_GAUSSIANS as u32).with(|s| {
+            (s.seed, s.extent) = (of_run.seed, of_run.extent);
+            (s.background, s.render) = (of_run.background, of_run.render);
+            s.render.effects.sh_degree = 0;
+            s.policy = Policy::None;
+            s.resolution = Resolution::Full;
+            s.adam.color.learning_rate *= FASTER;
+        })
+    }
+
+    /// The cameras after a training in which they move, before a run with these settings. Their common motion is
+    /// the one that fits the scene best.
+    ///
+    /// # Errors
+    /// Those of the backend, and of training.
+    pub(super) async fn moved<R: Optimizer<Scene3d>>(
+        self,
+        on: &R,
+        cameras: impl ExactSizeIterator<Item = &Camera>,
+        of_run: &TrainSettings,
+    ) -> Result<Vec<Camera>, Error> {
+        let [least, most] = EPOCHS.map(|epochs| RefinePoses::steps(epochs, cameras.len()));
+        let steps = share_of(SHARE, of_run.iterations, cameras).clamp(least, most);
+        let settings = self.settings(of_run, steps).with(|s| s.resolution = Resolution::from_coarse(2));
+        let poses = Poses::moving(&self.views, &self.scene, Motion::BEFORE_RUN);
+        let views = Views::new(self.views, Vec::new());
+        // In a box, because the trainer of the run begins with the same code.
+        let mut trainer = Box::pin(Trainer3d::from_views(on, views, Start::Scene(self.scene), settings)).await?;
+        trainer.task.poses = poses;
+        trainer.run(&mut ()).await?;
+        Ok(trainer.views().train_cameras().copied().collect())
+    }
+}
+
+/// Number of steps with small images whose pixels are this share of those of a run.
+pub(super) fn share_of<'a>(share: f64, iterations: u32, cameras: impl Iterator<Item = &'a Camera>) -> u32 {
+    let pixels = |camera: &Camera| f64::from(camera.width) * f64::from(camera.height);
+    let [all, small] = cameras.fold([0.0; 2], |[all, small], camera| {
+        [all + pixels(camera), small + pixels(&reduced_camera(camera, factor(camera)))]
+    });
+    (share * f64::from(iterations) * all / small) as u32
+}
+
+/// At most [`MOST_GAUSSIANS`] of a scene, evenly drawn, and larger where that leaves gaps.
+fn thinned(scene: &Scene3d) -> Scene3d {
+    let every = scene.len().div_ceil(MOST_GAUSSIANS).max(1);
+    let mut thin: Scene3d = (0..scene.len()).step_by(every).map(|index| scene.gaussian(index).with_degree(0)).collect();
+    thin.log_scales.iter_mut().for_each(|scale| *scale += (every as f32).ln() / 3.0);
+    thin
+}
+
+/// The divisor of a view's sides.
+fn factor(camera: &Camera) -> u32 {
+    align::divisor(camera, PIXELS)
+}
+
+fn small(view: &PosedView) -> Result<PosedView, Error> {
+    let factor = factor(&view.camera);
+    let source = Arc::new(reduced(&view.image()?, factor)?);
+    Ok(PosedView { name: view.name.clone(), camera: reduced_camera(&view.camera, factor), source })
+}
