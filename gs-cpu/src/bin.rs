@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use crate::{
     lanes::LANES,
     layout::Grid,
+    level::{Level, dispatch},
     splat::{CHUNK, Splat},
     tile_inputs::GATHERED,
     tuning::Bounds,
@@ -103,6 +104,7 @@ impl Bins {
     /// lists are invalid after an error.
     pub(crate) fn fill(
         &mut self,
+        level: Level,
         projected: &[Splat],
         (count, splat_at): (usize, impl Fn(usize) -> usize + Sync),
         grid: &Grid,
@@ -114,7 +116,8 @@ impl Bins {
         self.chunks.resize_with(count.div_ceil(chunk_len), Chunk::default);
         self.chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
             let ranks = i * chunk_len..((i + 1) * chunk_len).min(count);
-            chunk.find(projected, ranks, &splat_at, grid, bounds);
+            // For the level's own rounding instructions.
+            dispatch!(level, _simd => chunk.find(projected, ranks, &splat_at, grid, bounds));
         });
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
@@ -151,6 +154,7 @@ fn count_entries(counts: impl Iterator<Item = u32>, most: u32) -> Result<u32, Er
 }
 
 impl Chunk {
+    #[inline(always)]
     fn find(
         &mut self,
         projected: &[Splat],
@@ -184,6 +188,7 @@ impl Chunk {
         }
     }
 
+    #[inline(always)]
     fn find_one(&mut self, splat: &Splat, index: u32, grid: &Grid, bounds: Bounds) {
         let bands = grid.bands();
         let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width) else {
@@ -219,6 +224,10 @@ impl Chunk {
     }
 }
 
+/// Added to both sides of a Gaussian, px, so that rounding does not lose a pixel. The kernels apply
+/// the exact test.
+pub(crate) const SLACK: f32 = 1e-3;
+
 /// Whether the bounding box of the cut's ellipse, of height 2 `half_y`, contains a pixel's centre.
 pub(crate) fn touches(splat: &Splat, half_y: f32, grid: &Grid) -> bool {
     pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width).is_some()
@@ -227,15 +236,15 @@ pub(crate) fn touches(splat: &Splat, half_y: f32, grid: &Grid) -> bool {
 
 /// The pixels whose centres lie in [mean − before, mean + after], as first and end; `None` if
 /// empty.
+#[inline(always)]
 fn pixels(mean: f32, before: f32, after: f32, side: usize) -> Option<(usize, usize)> {
-    // Rounding must not lose a pixel. The kernels apply the exact test.
-    const SLACK: f32 = 1e-3;
     let first = (mean - before - 0.5 - SLACK).ceil().clamp(0.0, side as f32);
     let end = ((mean + after - 0.5 + SLACK).floor() + 1.0).clamp(0.0, side as f32);
     (first < end).then_some((first as usize, end as usize))
 }
 
 /// Lowest and highest dy of the cut's ellipse over dx in [left, right], which it meets.
+#[inline(always)]
 fn vertical_extent(splat: &Splat, left: f32, right: f32) -> (f32, f32) {
     let offset_at = |dx: f32| ((splat.reach - dx * dx * splat.inverse_xx).max(0.0) / splat.c).sqrt();
     let bottom_dx = splat.lowest_dx.clamp(left, right);

@@ -89,16 +89,17 @@ pub trait Kind: Scene + 'static {
         view: &Self::View,
         settings: &RenderSettings,
         binning: Binning,
+        level: Level,
     ) -> Result<(), Error>;
 
     /// Runs stage `project`.
-    fn project(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats);
+    fn project(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats, level: Level);
 
     /// Runs stage `sort`: finds the order in which tiles see the splats.
     fn sort(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats);
 
     /// Runs stage `bin`: lists the splats of each tile in that order.
-    fn bin(workspace: &mut Workspace<Self::Buffers>) -> Result<(), Error>;
+    fn bin(workspace: &mut Workspace<Self::Buffers>, level: Level) -> Result<(), Error>;
 
     /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
     fn project_bwd(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats, level: Level, scale: f32);

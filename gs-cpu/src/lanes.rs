@@ -128,6 +128,31 @@ pub(crate) fn exp_less<S: Simd, V: Floats<S>>(simd: S, x: V, base: f32) -> V {
     power.mul_add(rest, power - base)
 }
 
+/// ln x for x ≥ 1, to 2 ulp: ln m + e ln 2 with x = m 2ᵉ, √½ ≤ m < √2 (Cephes' `logf`).
+#[inline(always)]
+pub(crate) fn ln<S: Simd, V: Floats<S>>(simd: S, x: V) -> V {
+    // As the low bits of this, an integer is a number.
+    const INTEGER: f32 = 8_388_608.0;
+    let constant = |value: f32| V::splat(simd, value);
+    let bits = x.to_bits();
+    let exponent = V::from_bits((bits >> 23) | constant(INTEGER).to_bits()) - (INTEGER + 127.0);
+    let m = V::from_bits((bits & constant(f32::from_bits(0x007F_FFFF)).to_bits()) | constant(1.0).to_bits());
+    let upper = m.simd_gt(constant(std::f32::consts::SQRT_2));
+    let f = upper.select(m * 0.5, m) - 1.0;
+    let e = upper.select(exponent + 1.0, exponent);
+    let p = constant(7.037_684e-2).mul_add(f, constant(-1.151_461e-1));
+    let p = p.mul_add(f, constant(1.167_7e-1));
+    let p = p.mul_add(f, constant(-1.242_014_1e-1));
+    let p = p.mul_add(f, constant(1.424_932_3e-1));
+    let p = p.mul_add(f, constant(-1.666_805_8e-1));
+    let p = p.mul_add(f, constant(2.000_071_5e-1));
+    let p = p.mul_add(f, constant(-2.499_999_4e-1));
+    let p = p.mul_add(f, constant(3.333_333e-1));
+    let square = f * f;
+    let rest = e.mul_add(constant(-2.121_944_4e-4), p * f * square);
+    e.mul_add(constant(0.693_359_4), square.mul_add(constant(-0.5), rest) + f)
+}
+
 /// Clamps a derivative to ±[`MAX_DERIVATIVE`] for Adam. NaN stays, so that the Gaussian is pruned.
 #[inline(always)]
 pub(crate) fn bounded_derivative<S: Simd, V: Floats<S>>(simd: S, g: V) -> V {
@@ -201,6 +226,20 @@ mod tests {
             for (base, numbers) in [(0.0, &wide), (1.0, &near_zero)] {
                 let worst = worst_of(level, base, numbers);
                 assert!(worst < 2.4e-7, "{level}, less {base}: {worst:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn ln_is_exact_to_two_ulp_at_every_level() {
+        let near_one = (0..2_000).map(|i| 1.0 + i as f32 * 3e-4);
+        let numbers: Vec<f32> = near_one.chain((0..2_000).map(|i| 1.02f32.powi(i))).collect();
+        for level in SimdLevel::available() {
+            let token = level.instructions().unwrap();
+            for x in &numbers {
+                let got = dispatch!(token, simd => ln(simd, Whole::splat(simd, *x)).as_slice()[3]);
+                let exact = f64::from(*x).ln();
+                assert!((f64::from(got) - exact).abs() <= 2.4e-7 * exact, "{level}, {x}: {got} instead of {exact}");
             }
         }
     }

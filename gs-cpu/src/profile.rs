@@ -27,8 +27,8 @@ impl<S: Kind> Pass<'_, S> {
         let level = self.rasterizer.level;
         match stage {
             Stage::Sort => S::sort(workspace, splats),
-            Stage::Project => S::project(workspace, splats),
-            Stage::Bin => S::bin(workspace)?,
+            Stage::Project => S::project(workspace, splats, level),
+            Stage::Bin => S::bin(workspace, level)?,
             Stage::Blend => workspace.tiles.blend(level)?,
             Stage::Loss => {
                 loss::loss(&mut workspace.tiles, target, &self.loss, level)?;
@@ -67,7 +67,7 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
         let (workspace, bias) = (pool.take().tuned(self.tuning), S::Bias::default());
         let mut pass = Pass::<S> { rasterizer: self, workspace, splats, target, loss, rates: still(), bias };
         self.install(|| {
-            S::prepare(&mut pass.workspace, pass.splats, view, settings, Binning::Fresh)?;
+            S::prepare(&mut pass.workspace, pass.splats, view, settings, Binning::Fresh, self.level)?;
             samples.iter().try_for_each(|&(stage, _)| pass.run(stage))?;
             for _ in 0..repetitions {
                 for (stage, seconds) in &mut samples {

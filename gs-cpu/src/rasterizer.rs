@@ -162,7 +162,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         let pool = &S::resources(&self.resources).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         self.install(|| {
-            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh, self.level)?;
             workspace.tiles.blend(self.level)
         })?;
         Ok(ForwardPass::new(workspace, pool))
@@ -266,7 +266,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         let pool = &S::resources(&self.resources).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         let image = self.install(|| {
-            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh, self.level)?;
             workspace.tiles.draw(self.level)
         })?;
         let culled = workspace.tiles.culled();
@@ -298,7 +298,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.install(|| {
-            S::prepare(&mut workspace, splats, view, step.settings, step.binning)?;
+            S::prepare(&mut workspace, splats, view, step.settings, step.binning, self.level)?;
             let tiles = &mut workspace.tiles;
             let (value, scale) = if target.is_complete() && Tiles::is_fused(&step.settings.effects, step.loss) {
                 let count = 3.0 * tiles.grid.width as f64 * tiles.grid.height as f64;
@@ -387,7 +387,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
         let pool = &S::resources(&self.resources).pool;
         let mut workspace = pool.take().tuned(self.tuning);
         self.install(|| {
-            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh)?;
+            S::prepare(&mut workspace, splats, view, settings, Binning::Fresh, self.level)?;
             S::solve_colors(&mut workspace, splats, target, self.level, iterations)
         })?;
         pool.give(workspace);

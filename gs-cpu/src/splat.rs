@@ -10,13 +10,13 @@ use glam::{Mat2, Vec2};
 pub(crate) const CHUNK: usize = 1024;
 
 /// Largest |exponent| at a start of the kernels' recurrence, well inside the range of `f32`.
-const SAFE_EXPONENT: f32 = 80.0;
+pub(crate) const SAFE_EXPONENT: f32 = 80.0;
 
 /// The c below which the ratio of successive rows' weights is stored minus 1.
 ///
 /// Near 1, the rounding of the ratio itself would grow with the square of the number of rows. For a
 /// larger c there are few rows, and the ratio comes near 0, where subtracting 1 would lose digits.
-const WIDE: f32 = 0.5;
+pub(crate) const WIDE: f32 = 0.5;
 
 /// 1 − e⁻ᶜ for c from 0 to [`WIDE`], to 2 ulp: a Taylor series with a remainder below 10⁻⁸ of it.
 #[inline]

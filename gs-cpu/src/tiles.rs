@@ -149,8 +149,13 @@ impl Tiles {
     ///
     /// # Errors
     /// Those of [`Bins::fill`].
-    pub(crate) fn bin(&mut self, count: usize, splat_at: impl Fn(usize) -> usize + Sync) -> Result<(), Error> {
-        self.bins.fill(&self.projected, (count, splat_at), &self.grid, self.tuning.bounds)
+    pub(crate) fn bin(
+        &mut self,
+        level: Level,
+        count: usize,
+        splat_at: impl Fn(usize) -> usize + Sync,
+    ) -> Result<(), Error> {
+        self.bins.fill(level, &self.projected, (count, splat_at), &self.grid, self.tuning.bounds)
     }
 
     /// Runs stage `blend`: draws the image into `rows`.

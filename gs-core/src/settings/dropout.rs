@@ -49,7 +49,7 @@ impl Dropout {
     }
 
     /// The factor by which the opacities of the remaining Gaussians are multiplied.
-    pub(crate) fn gain(&self) -> f32 {
+    pub fn gain(&self) -> f32 {
         1.0 / (1.0 - self.rate)
     }
 

@@ -69,6 +69,7 @@ impl Kind for Scene2d {
         canvas: &Canvas,
         settings: &RenderSettings,
         binning: Binning,
+        level: Level,
     ) -> Result<(), Error> {
         let version = Some(splats.shared.version);
         let same = workspace.buffers.canvas == *canvas
@@ -84,22 +85,22 @@ impl Kind for Scene2d {
             workspace.version = None;
             Self::sort(workspace, splats);
         }
-        Self::project(workspace, splats);
+        Self::project(workspace, splats, level);
         if !reuse {
-            Self::bin(workspace)?;
+            Self::bin(workspace, level)?;
             workspace.version = version;
         }
         workspace.tiles.fit();
         Ok(())
     }
 
-    fn project(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d) {
+    fn project(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d, _: Level) {
         let Workspace { tiles, buffers, .. } = workspace;
         project::project_all(splats, &buffers.canvas, &buffers.order, tiles);
     }
 
-    fn bin(workspace: &mut Workspace<Buffers2d>) -> Result<(), Error> {
-        workspace.tiles.bin(workspace.len, |rank| rank)
+    fn bin(workspace: &mut Workspace<Buffers2d>, level: Level) -> Result<(), Error> {
+        workspace.tiles.bin(level, workspace.len, |rank| rank)
     }
 
     /// Sorts by index under `Over`. Under `Sum`, sorts by row, so that neighbours in a tile's list

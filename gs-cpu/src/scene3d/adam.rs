@@ -144,29 +144,41 @@ impl<'a> Rows<'a> {
         collect: bool,
     ) {
         let mut members = block.members[..block.len].iter().zip(&block.rows).zip(block.shares).peekable();
+        // Neighbours mostly have taken as many steps.
+        let mut of_steps = self.steps[places.start].saturating_add(1);
+        let mut lanes = Lanes::both(simd, step, step.bias.at(of_steps));
         for i in places {
             let listed = members.next_if(|((place, _), _)| **place == i);
             if listed.is_none() && step.rates.participants == Participants::Visible {
                 continue;
             }
             let gradient = listed.map(|((_, row), _)| &row[..step.width]);
-            self.step(simd, (i, (first + i) as u32), gradient, step);
+            let steps = self.steps[i].saturating_add(1);
+            self.steps[i] = steps;
+            if steps != of_steps {
+                (of_steps, lanes) = (steps, Lanes::both(simd, step, step.bias.at(steps)));
+            }
+            self.step(simd, (i, (first + i) as u32, steps), gradient, step, &lanes);
             if let Some((_, share)) = listed.filter(|_| collect) {
                 share.add_to(&mut self.signal_sum[i], &mut self.visible[i]);
             }
         }
     }
 
-    /// Moves Gaussian `i` of these, whose index is `index`, along a gradient of `width` numbers, or
-    /// of zeros where no tile lists it.
+    /// Moves Gaussian `i` of these, whose index is `index` and whose step is its `steps`-th, along a
+    /// gradient of `width` numbers, or of zeros where no tile lists it.
     #[inline(always)]
-    fn step<S: Simd>(&mut self, simd: S, (i, index): (usize, u32), gradient: Option<&[f32]>, step: &Step<'_>) {
-        let steps = self.steps[i].saturating_add(1);
-        self.steps[i] = steps;
+    fn step<S: Simd>(
+        &mut self,
+        simd: S,
+        (i, index, steps): (usize, u32, u32),
+        gradient: Option<&[f32]>,
+        step: &Step<'_>,
+        [lanes, of_rest]: &[Lanes<S>; 2],
+    ) {
         let parameters = &mut self.parameters[i * step.pitch..][..step.width];
         let (first_vector, parameters) = parameters.split_at_mut(LANES);
         let [first, second] = self.moments.each_mut().map(|moments| &mut moments[i * LANES..][..LANES]);
-        let lanes = Lanes::<S>::of_first(simd, step, step.bias.at(steps));
         let g = load(simd, &geometric(first_vector, gradient, step), 0);
         let mut both: [Whole<S>; 2] = [load(simd, first, 0), load(simd, second, 0)];
         let moved = lanes.moved(simd, g, &mut both);
@@ -174,14 +186,13 @@ impl<'a> Rows<'a> {
         store(both[1], second, 0);
         store(load::<S, Whole<S>>(simd, first_vector, 0) - moved, first_vector, 0);
         bound_scales(first_vector, step.log_scales);
-        let lanes = Lanes::<S>::of_rest(simd, step, step.bias.at(steps));
         let from = i * (step.pitch - LANES);
         for at in (0..parameters.len()).step_by(LANES) {
             let g = gradient.map_or(splat(simd, 0.0), |gradient| load(simd, gradient, LANES + at));
             let moved = match &mut self.rest {
                 RestMut::F32([first, second]) => {
                     let mut both = [load(simd, first, from + at), load(simd, second, from + at)];
-                    let moved = lanes.moved(simd, g, &mut both);
+                    let moved = of_rest.moved(simd, g, &mut both);
                     store(both[0], first, from + at);
                     store(both[1], second, from + at);
                     moved
@@ -189,7 +200,7 @@ impl<'a> Rows<'a> {
                 RestMut::Bf16(packed) => {
                     let packed = &mut packed[from + at..][..LANES];
                     let mut both = moments::unpack(simd, packed);
-                    let moved = lanes.moved(simd, g, &mut both);
+                    let moved = of_rest.moved(simd, g, &mut both);
                     moments::pack::<S>(both, moments::random(simd, index, steps, at), packed);
                     moved
                 }
@@ -318,6 +329,7 @@ fn add_penalty(parameters: &[f32], [opacity, scale]: [f32; 2], gradient: &mut [f
 }
 
 /// Adam's settings for 16 parameters of a row.
+#[derive(Clone, Copy)]
 struct Lanes<S: Simd> {
     rate: Whole<S>,
     beta1: Whole<S>,
@@ -329,6 +341,12 @@ struct Lanes<S: Simd> {
 }
 
 impl<S: Simd> Lanes<S> {
+    /// Those of a row's first vector, and of each later one.
+    #[inline(always)]
+    fn both(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> [Self; 2] {
+        [Self::of_first(simd, step, bias), Self::of_rest(simd, step, bias)]
+    }
+
     #[inline(always)]
     fn of_first(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> Self {
         let (mut rate, mut beta1, mut beta2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);

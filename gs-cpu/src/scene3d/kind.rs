@@ -54,6 +54,7 @@ impl Kind for Scene3d {
         camera: &Camera,
         settings: &RenderSettings,
         _: Binning,
+        level: Level,
     ) -> Result<(), Error> {
         workspace.version = None;
         workspace.len = splats.len();
@@ -64,23 +65,23 @@ impl Kind for Scene3d {
         };
         workspace.buffers.eye = Some(Eye::new(camera, settings, degree));
         workspace.buffers.camera_gradient = None;
-        Self::project(workspace, splats);
+        Self::project(workspace, splats, level);
         Self::sort(workspace, splats);
-        Self::bin(workspace)?;
+        Self::bin(workspace, level)?;
         workspace.version = Some(splats.shared.version);
         workspace.tiles.fit();
         Ok(())
     }
 
-    fn project(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d) {
+    fn project(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level: Level) {
         let Workspace { tiles, buffers, .. } = workspace;
         let Some(eye) = &buffers.eye else { return };
-        project::project_all(splats, eye, tiles);
+        project::project_all(splats, eye, tiles, level);
     }
 
-    fn bin(workspace: &mut Workspace<Buffers3d>) -> Result<(), Error> {
+    fn bin(workspace: &mut Workspace<Buffers3d>, level: Level) -> Result<(), Error> {
         let Workspace { tiles, buffers, .. } = workspace;
-        tiles.bin(buffers.depth_sort.len(), |rank| buffers.depth_sort.at(rank) as usize)
+        tiles.bin(level, buffers.depth_sort.len(), |rank| buffers.depth_sort.at(rank) as usize)
     }
 
     fn sort(workspace: &mut Workspace<Buffers3d>, _: &Splats3d) {

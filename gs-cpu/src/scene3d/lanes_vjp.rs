@@ -3,25 +3,20 @@
 
 use fearless_simd::{Simd, prelude::*};
 use gs_core::{
-    constants::{SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3},
+    constants::{SH_C1, SH_C2, SH_C3},
     math::sh::{MOST_COEFFICIENTS, coefficients},
 };
 
 use super::{
+    lanes_project::{Columns, Geometry, added, basis, cross, direction, dot, load_all, scaled, store_all},
     project::Eye,
-    splats::{LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH},
+    splats::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH},
 };
-use crate::lanes::{Floats, LANES, exp_less, fma, load, splat, splat3, store};
-
-/// Rows of up to [`LANES`] Gaussians, transposed: a row for each number, a lane for each Gaussian.
-pub(super) type Columns = [[f32; LANES]; MOST_NUMBERS];
+use crate::lanes::{Floats, LANES, exp_less, fma, load, splat, store};
 
 /// Gradients by the camera: a row for each number of `CameraGradient::to_array`, a lane for each
 /// Gaussian.
 pub(super) type CameraLanes = [[f32; LANES]; 10];
-
-/// Largest magnitude of a logarithm or logit whose exponential is computed in lanes.
-const SAFE_LOGARITHM: f32 = 80.0;
 
 /// What Gaussians received from the pixels, and what their gradients leave behind besides a row.
 #[derive(Debug, Clone, Copy)]
@@ -81,14 +76,9 @@ fn part<S: Simd, V: Floats<S>, const CAMERA: bool>(
 ) -> u64 {
     let zero: V = splat(simd, 0.0);
     let one: V = splat(simd, 1.0);
-    let mean: [V; 3] = load_all(simd, given, MEAN.start, lane);
-    let log_scale: [V; 3] = load_all(simd, given, LOG_SCALE.start, lane);
-    let [w, x, y, z]: [V; 4] = load_all(simd, given, ROTATION.start, lane);
-    let logit: V = load(simd, &given[OPACITY], lane);
-    let norm2 = fma(w, w, fma(x, x, fma(y, y, z * z)));
-    let largest = log_scale[0].abs().max(log_scale[1].abs()).max(log_scale[2].abs().max(logit.abs()));
-    let mut usual = largest.simd_le(splat::<S, V>(simd, SAFE_LOGARITHM));
-    usual &= norm2.simd_lt(splat::<S, V>(simd, f32::INFINITY));
+    let (geometry, mut usual) = Geometry::<V>::new(simd, eye, given, lane);
+    let Geometry { turn, p, w, axis, inverse_norm, m: [m0, m1, m2], inverse_z, r: [r0, r1], .. } = geometry;
+    let ([sx, sy], [cx, cy], [fx, fy]) = (geometry.slope, geometry.clamped, geometry.scale);
 
     // Upstream, by the ridge's coordinates.
     let [inverse_xx, slope, c]: [V; 3] = load_all(simd, &lanes.ridge, 0, lane);
@@ -105,34 +95,6 @@ fn part<S: Simd, V: Floats<S>, const CAMERA: bool>(
     let v_xy = c * by_u * half;
     let v_yy = c * c * uu * half;
     let v_log_opacity = load::<S, V>(simd, &lanes.zeroth[0], lane) * scale;
-
-    // The camera's axes.
-    let turn: [[V; 3]; 3] =
-        [splat3(simd, eye.rotation[0]), splat3(simd, eye.rotation[1]), splat3(simd, eye.rotation[2])];
-    let [tx, ty, tz]: [V; 3] = splat3(simd, eye.translation);
-    let p = [dot(turn[0], mean) + tx, dot(turn[1], mean) + ty, dot(turn[2], mean) + tz];
-    let inverse_norm = one / norm2.sqrt();
-    let (w, axis) = (w * inverse_norm, scaled([x, y, z], inverse_norm));
-    let [x, y, z] = axis;
-    let (x2, y2, z2) = (x + x, y + y, z + z);
-    let r = [
-        [one - fma(y, y2, z * z2), x * y2 - w * z2, fma(x, z2, w * y2)],
-        [fma(x, y2, w * z2), one - fma(x, x2, z * z2), y * z2 - w * x2],
-        [x * z2 - w * y2, fma(y, z2, w * x2), one - fma(x, x2, y * y2)],
-    ];
-    let scales =
-        [exp_less(simd, log_scale[0], 0.0), exp_less(simd, log_scale[1], 0.0), exp_less(simd, log_scale[2], 0.0)];
-    let m0 = times(combined(turn[0], &r), scales);
-    let m1 = times(combined(turn[1], &r), scales);
-    let m2 = times(combined(turn[2], &r), scales);
-    let inverse_z = one / p[2];
-    let (sx, sy) = (p[0] * inverse_z, p[1] * inverse_z);
-    let [least, most] = eye.perspective.slopes();
-    let cx = sx.max(splat::<S, V>(simd, least.x)).min(splat::<S, V>(simd, most.x));
-    let cy = sy.max(splat::<S, V>(simd, least.y)).min(splat::<S, V>(simd, most.y));
-    let (fx, fy) = (inverse_z * eye.focal[0], inverse_z * eye.focal[1]);
-    let r0 = scaled(added(m0, m2, zero - cx), fx);
-    let r1 = scaled(added(m1, m2, zero - cy), fy);
 
     // Back through Σ′ = M′ M′ᵀ + δ I and the Jacobian.
     let mut v_r0 = added(scaled(r0, v_xx + v_xx), r1, v_xy + v_xy);
@@ -186,6 +148,7 @@ fn part<S: Simd, V: Floats<S>, const CAMERA: bool>(
     for k in 0..3 {
         store(imaginary[k], &mut out[ROTATION.start + 1 + k], lane);
     }
+    let logit: V = load(simd, &given[OPACITY], lane);
     let v_logit = if eye.is_over { v_log_opacity / (exp_less(simd, logit, 0.0) + 1.0) } else { zero };
     store(v_logit, &mut out[OPACITY], lane);
 
@@ -194,13 +157,8 @@ fn part<S: Simd, V: Floats<S>, const CAMERA: bool>(
     if eye.degree == 0 {
         color_gradients(simd, 0, [zero; 3], v_color, given, out, lane);
     } else {
-        let [px, py, pz]: [V; 3] = splat3(simd, eye.position);
-        let offset = [mean[0] - px, mean[1] - py, mean[2] - pz];
-        let distance2 = dot(offset, offset);
-        usual &= distance2.simd_ge(splat::<S, V>(simd, SAFE_SQUARES[0]));
-        usual &= distance2.simd_le(splat::<S, V>(simd, SAFE_SQUARES[1]));
-        let inverse = one / distance2.sqrt();
-        let d = scaled(offset, inverse);
+        let (d, inverse, near) = direction(simd, eye, load_all(simd, given, MEAN.start, lane));
+        usual &= near;
         let v_d = color_gradients(simd, eye.degree, d, v_color, given, out, lane);
         let tangential = added(v_d, d, zero - dot(d, v_d));
         v_mean = added(v_mean, tangential, inverse);
@@ -248,38 +206,6 @@ fn color_gradients<S: Simd, V: Floats<S>>(
     weighted_gradients(simd, degree, d, &a)
 }
 
-/// Y_k(d) for all k; 0 above `degree`.
-#[inline(always)]
-fn basis<S: Simd, V: Floats<S>>(simd: S, degree: u8, [x, y, z]: [V; 3]) -> [V; MOST_COEFFICIENTS] {
-    let mut y_k = [splat(simd, 0.0); MOST_COEFFICIENTS];
-    y_k[0] = splat(simd, SH_C0);
-    if degree == 0 {
-        return y_k;
-    }
-    [y_k[1], y_k[2], y_k[3]] = [y * -SH_C1, z * SH_C1, x * -SH_C1];
-    if degree == 1 {
-        return y_k;
-    }
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    let ring = zz * 4.0 - xx - yy;
-    y_k[4] = x * y * SH_C2[0];
-    y_k[5] = y * z * SH_C2[1];
-    y_k[6] = (zz * 2.0 - xx - yy) * SH_C2[2];
-    y_k[7] = x * z * SH_C2[3];
-    y_k[8] = (xx - yy) * SH_C2[4];
-    if degree == 2 {
-        return y_k;
-    }
-    y_k[9] = y * (xx * 3.0 - yy) * SH_C3[0];
-    y_k[10] = x * y * z * SH_C3[1];
-    y_k[11] = y * ring * SH_C3[2];
-    y_k[12] = z * (zz * 2.0 - xx * 3.0 - yy * 3.0) * SH_C3[3];
-    y_k[13] = x * ring * SH_C3[4];
-    y_k[14] = z * (xx - yy) * SH_C3[5];
-    y_k[15] = x * (xx - yy * 3.0) * SH_C3[6];
-    y_k
-}
-
 /// Σ a_k ∇Y_k(d), as if the components of d were free.
 #[inline(always)]
 fn weighted_gradients<S: Simd, V: Floats<S>>(
@@ -319,59 +245,4 @@ fn weighted_gradients<S: Simd, V: Floats<S>>(
         - b63 * x * y * 2.0;
     by_z += b1 * x * y + b2 * y * z * 8.0 + b3 * (z2 * 2.0 - x2 - y2) * 3.0 + b4 * x * z * 8.0 + b5 * flat;
     [by_x, by_y, by_z]
-}
-
-/// The vectors of N rows from `first` on.
-#[inline(always)]
-fn load_all<S: Simd, V: Floats<S>, const N: usize>(
-    simd: S,
-    rows: &[[f32; LANES]],
-    first: usize,
-    lane: usize,
-) -> [V; N] {
-    let mut all = [splat(simd, 0.0); N];
-    for k in 0..N {
-        all[k] = load(simd, &rows[first + k], lane);
-    }
-    all
-}
-
-/// Stores N vectors in as many rows.
-#[inline(always)]
-fn store_all<S: Simd, V: Floats<S>, const N: usize>(all: [V; N], rows: &mut [[f32; LANES]], lane: usize) {
-    for k in 0..N {
-        store(all[k], &mut rows[k], lane);
-    }
-}
-
-#[inline(always)]
-fn dot<S: Simd, V: Floats<S>>(a: [V; 3], b: [V; 3]) -> V {
-    fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
-}
-
-#[inline(always)]
-fn cross<S: Simd, V: Floats<S>>(a: [V; 3], b: [V; 3]) -> [V; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline(always)]
-fn scaled<S: Simd, V: Floats<S>>(a: [V; 3], by: V) -> [V; 3] {
-    [a[0] * by, a[1] * by, a[2] * by]
-}
-
-/// a + by·b.
-#[inline(always)]
-fn added<S: Simd, V: Floats<S>>(a: [V; 3], b: [V; 3], by: V) -> [V; 3] {
-    [fma(b[0], by, a[0]), fma(b[1], by, a[1]), fma(b[2], by, a[2])]
-}
-
-#[inline(always)]
-fn times<S: Simd, V: Floats<S>>(a: [V; 3], b: [V; 3]) -> [V; 3] {
-    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
-}
-
-/// A row vector times a matrix of these rows.
-#[inline(always)]
-fn combined<S: Simd, V: Floats<S>>(row: [V; 3], matrix: &[[V; 3]; 3]) -> [V; 3] {
-    added(added(scaled(matrix[0], row[0]), matrix[1], row[1]), matrix[2], row[2])
 }

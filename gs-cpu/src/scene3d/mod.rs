@@ -5,6 +5,7 @@ mod buffers;
 mod camera_sum;
 mod depth_sort;
 mod kind;
+mod lanes_project;
 mod lanes_vjp;
 mod moments;
 mod project;

@@ -1,9 +1,9 @@
-//! Stage `project`: computes the [`Splat`] of every Gaussian. Parallel over Gaussians. Colours are
-//! only evaluated where the ellipse's bounding box touches the image.
+//! Stage `project`: computes the [`Splat`] of every Gaussian. Parallel over Gaussians, a lane for
+//! each. Colours are only evaluated where the ellipse's bounding box touches the image.
 
 use glam::Vec3;
 use gs_core::{
-    Blend, Camera, CameraGradient, CullCause, Culled, Dropout, Effects, Output, RenderSettings,
+    Blend, Camera, CameraGradient, CullCause, Culled, Effects, Output, RenderSettings,
     math::{
         perspective::{Perspective, ProjectionGradient},
         sh,
@@ -11,10 +11,14 @@ use gs_core::{
 };
 use rayon::prelude::*;
 
-use super::splats::{self, Splats3d};
+use super::{
+    lanes_project::{self, Limits},
+    splats::{self, Splats3d},
+};
 use crate::{
     bin::touches,
-    layout::Grid,
+    lanes::LANES,
+    level::{Level, dispatch},
     splat::{CHUNK, Covariance, PixelDepth, Splat},
     tiles::Tiles,
 };
@@ -31,11 +35,18 @@ pub(crate) struct Eye {
     pub(crate) translation: [f32; 3],
     /// Place in the world.
     pub(crate) position: [f32; 3],
-    /// Focal length, px.
+    /// Focal length and principal point, px.
     pub(crate) focal: [f32; 2],
+    pub(crate) center: [f32; 2],
+    /// The near plane, world units.
+    pub(crate) near: f32,
+    /// The dilation, px².
+    pub(crate) dilation: f32,
     /// The dilation, px², where opacities compensate for it.
     pub(crate) compensated_dilation: Option<f32>,
     pub(crate) is_over: bool,
+    /// The factor of opacities by dropout.
+    pub(crate) gain: f32,
 }
 
 impl Eye {
@@ -51,8 +62,12 @@ impl Eye {
             translation: camera.translation.to_array(),
             position: camera.position().to_array(),
             focal: camera.focal.to_array(),
+            center: camera.center.to_array(),
+            near: camera.near,
+            dilation: antialias.dilation(),
             compensated_dilation: (antialias.compensates() && is_over).then(|| antialias.dilation()),
             is_over,
+            gain: settings.dropout.gain(),
         }
     }
 
@@ -109,21 +124,15 @@ impl Eye {
     }
 }
 
-/// Projects the Gaussian with this index. Gaussians left out by dropout count as transparent.
-fn project(
-    eye: &Eye,
-    (index, row): (usize, &[f32]),
-    grid: &Grid,
-    (settings, dropout, longest): (&RenderSettings, Option<&Dropout>, f32),
-) -> Result<(Splat, PixelDepth), CullCause> {
-    if dropout.is_some_and(|dropout| dropout.leaves_out(index as u32)) {
-        return Err(CullCause::Transparent);
-    }
+/// Projects one Gaussian: for extreme numbers, and outputs other than colours.
+#[cold]
+#[inline(never)]
+fn project(eye: &Eye, row: &[f32], limits: Limits<'_>) -> Result<(Splat, PixelDepth), CullCause> {
     let p = eye.perspective.project(&splats::ellipsoid(row))?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
-    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, settings.accuracy.alpha_cut), longest);
-    if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, limits.alpha_cut), limits.longest);
+    if !touches(&splat, (splat.reach * yy).sqrt(), limits.grid) {
         return Err(CullCause::Outside);
     }
     splat.color = eye.color(row);
@@ -133,28 +142,134 @@ fn project(
     Ok((splat, PixelDepth { depth: p.depth, slope: p.depth_slope.to_array() }))
 }
 
-/// Projects all Gaussians by index, and counts the culled.
-pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
+/// Projects all Gaussians by index, and counts the culled. Those left out by dropout count as
+/// transparent.
+pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles, level: Level) {
     let Tiles { projected, depths, grid, settings, tuning, .. } = tiles;
     projected.resize(splats.len(), Splat::CULLED);
     depths.resize(splats.len(), PixelDepth::default());
     let dropout = Some(&settings.dropout).filter(|dropout| !dropout.is_none());
-    let how = (&*settings, dropout, f32::from(tuning.recurrence_rows));
-    let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
+    let limits = Limits { grid, alpha_cut: settings.accuracy.alpha_cut, longest: f32::from(tuning.recurrence_rows) };
+    let pitch = splats.pitch();
+    let rows = splats.parameters.par_chunks(CHUNK * pitch);
     let chunks = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK)).zip(rows).enumerate();
     let culled = chunks.map(|(number, ((projected, depths), rows))| {
         let mut culled = Culled::default();
-        let rows = (number * CHUNK..).zip(rows.chunks_exact(splats.pitch()));
-        for ((splat, depth), row) in projected.iter_mut().zip(depths).zip(rows) {
-            match project(eye, row, grid, how) {
-                Ok(found) => (*splat, *depth) = found,
-                Err(cause) => {
-                    culled.count(cause);
-                    *depth = PixelDepth::default();
+        let blocks = projected.chunks_mut(LANES).zip(depths.chunks_mut(LANES)).zip(rows.chunks(LANES * pitch));
+        for (block, ((projected, depths), rows)) in blocks.enumerate() {
+            let lanes = dispatch!(level, simd => lanes_project::project(simd, eye, limits, rows, pitch));
+            let rows = rows.chunks_exact(pitch).zip(number * CHUNK + block * LANES..);
+            for (lane, ((splat, depth), (row, index))) in projected.iter_mut().zip(depths).zip(rows).enumerate() {
+                let found = match dropout.is_some_and(|dropout| dropout.leaves_out(index as u32)) {
+                    true => Err(CullCause::Transparent),
+                    false => lanes.of(lane).unwrap_or_else(|| project(eye, row, limits)),
+                };
+                match found {
+                    Ok(found) => (*splat, *depth) = found,
+                    Err(cause) => {
+                        culled.count(cause);
+                        *depth = PixelDepth::default();
+                    }
                 }
             }
         }
         culled
     });
     tiles.culled = culled.reduce(Culled::default, Culled::plus);
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::{Gaussian3d, Parameterization, Scene as _, Scene3d, effects::Antialias, logit};
+
+    use super::*;
+    use crate::{kind::Splats as _, layout::Grid, level::SimdLevel};
+
+    /// A number from −1 to 1.
+    fn unit(seed: u32) -> f32 {
+        let bits = seed.wrapping_mul(0x9E37_79B9) ^ 0x85EB_CA6B;
+        let bits = (bits ^ (bits >> 15)).wrapping_mul(0x2C1B_3C6D);
+        (bits ^ (bits >> 13)) as f32 / u32::MAX as f32 * 2.0 - 1.0
+    }
+
+    /// Gaussians of all fates; every 31st has an extreme number.
+    fn splats() -> Splats3d {
+        let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
+        for i in 0..1_001 {
+            let numbers: [f32; 80] = std::array::from_fn(|k| unit(i * 80 + k as u32));
+            let [x, y, z, a, b, c] = [0, 1, 2, 3, 4, 5].map(|k| numbers[k]);
+            let mut gaussian = Gaussian3d {
+                mean: Vec3::new(2.0 * x, 2.0 * y, 2.5 + 3.0 * z),
+                log_scale: Vec3::new(a, b, c) * 1.5 - 2.5,
+                rotation: [numbers[6], numbers[7], numbers[8], numbers[9]],
+                opacity_logit: 8.0 * numbers[10],
+                sh: (0..16).map(|k| Vec3::from_slice(&numbers[11 + 3 * k..])).collect(),
+            };
+            match i % 124 {
+                0 => gaussian.log_scale.x = 90.0,
+                31 => gaussian.opacity_logit = logit(1.0),
+                62 => gaussian.rotation = [0.0; 4],
+                93 => gaussian.sh[7].y = f32::MAX,
+                _ => {}
+            }
+            scene.push(gaussian);
+        }
+        Splats3d::new(&scene, Parameterization::ScaleRotation).unwrap()
+    }
+
+    #[test]
+    fn lanes_project_as_gs_core_does() {
+        let splats = splats();
+        let camera = Camera::looking_forward(200, 120, 1.0);
+        for (blend, antialias) in
+            [(Blend::Over, Antialias::Compensated), (Blend::Over, Antialias::Dilate), (Blend::Sum, Antialias::None)]
+        {
+            let mut settings = RenderSettings::blended(blend);
+            settings.effects.antialias = antialias;
+            for (degree, level) in
+                [0, 1, 2, 3].into_iter().flat_map(|d| SimdLevel::available().into_iter().map(move |l| (d, l)))
+            {
+                let eye = Eye::new(&camera, &settings, degree);
+                let grid = &Grid::new((200, 120), 16);
+                let limits = Limits { grid, alpha_cut: settings.accuracy.alpha_cut, longest: 64.0 };
+                check(&splats, &eye, limits, level);
+            }
+        }
+    }
+
+    fn check(splats: &Splats3d, eye: &Eye, limits: Limits<'_>, level: SimdLevel) {
+        let pitch = splats.pitch();
+        let token = level.instructions().unwrap();
+        let (mut drawn, mut extreme) = (0, 0);
+        for (block, rows) in splats.parameters.chunks(LANES * pitch).enumerate() {
+            let lanes = dispatch!(token, simd => lanes_project::project(simd, eye, limits, rows, pitch));
+            for (lane, row) in rows.chunks_exact(pitch).enumerate() {
+                let at = format!("{level}, degree {}, Gaussian {}", eye.degree, block * LANES + lane);
+                let Some(found) = lanes.of(lane) else {
+                    extreme += 1;
+                    continue;
+                };
+                match (found, project(eye, row, limits)) {
+                    (Ok(found), Ok(expected)) => {
+                        drawn += 1;
+                        for (found, expected) in numbers(&found).into_iter().zip(numbers(&expected)) {
+                            let error = (found - expected).abs() / (1.0 + expected.abs());
+                            assert!(error < 1e-4, "{at}: {found} instead of {expected}");
+                        }
+                        assert!(found.0.restart_rows.abs_diff(expected.0.restart_rows) <= 1, "{at}");
+                    }
+                    (found, expected) => assert_eq!(found.err(), expected.err(), "{at}"),
+                }
+            }
+        }
+        assert!(drawn > 80, "{drawn}");
+        assert!((8..40).contains(&extreme), "{extreme}");
+    }
+
+    fn numbers((splat, depth): &(Splat, PixelDepth)) -> Vec<f32> {
+        let Splat { mean, inverse_xx, slope, c, ratio, fall, color, opacity, cut, reach, half_x, lowest_dx, .. } =
+            *splat;
+        let single = [inverse_xx, slope, c, ratio, fall, opacity, cut, reach, half_x, lowest_dx, depth.depth];
+        [&mean[..], &color, &single, &depth.slope].concat()
+    }
 }

@@ -14,7 +14,8 @@ use rayon::prelude::*;
 use super::{
     buffers::{Buffers3d, NO_RANK},
     camera_sum::CameraSum,
-    lanes_vjp::{self, CameraLanes, Columns, Lanes},
+    lanes_project::Columns,
+    lanes_vjp::{self, CameraLanes, Lanes},
     project::Eye,
     splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, Splats3d},
 };
