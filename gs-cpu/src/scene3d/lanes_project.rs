@@ -285,7 +285,7 @@ fn place<S: Simd, V: Floats<S>>(
     let all = u64::MAX >> (u64::BITS as usize - V::LEN);
     let drawable = usual & in_front & placed;
     out.near |= (usual & !in_front & all) << lane;
-    out.extreme |= (!usual | in_front & !placed) << lane;
+    out.extreme |= (!usual & all | in_front & !placed) << lane;
     out.transparent |= (drawable & !opaque) << lane;
     out.outside |= (drawable & opaque & !touching) << lane;
 }
