@@ -2,11 +2,12 @@
 //!
 //! They first move in a short training before the run, with few Gaussians and on images that are so small
 //! that a wrong pose is an error of a pixel or less ([`small`]). A scene of many Gaussians fits the wrong poses
-//! of few views, and then no gradient corrects them; that of the run therefore begins anew. In the run, cameras
-//! move on by little. In both, each step also gives the gradient of its loss by the camera, and after each epoch,
-//! every camera moves against its gradient ([`descent`]). The common motion of the cameras, which no image shows,
-//! is taken out ([`gauge`]). *Source:* gradients by the pose as in gsplat, from coarse to fine as in BARF (Lin et
-//! al. 2021).
+//! of few views, and then no gradient corrects them, so the scene of this training is not used further. In the
+//! run, cameras move by little. In both, each step also gives the gradient of its loss by the camera, and after
+//! each epoch, every camera moves against its gradient ([`descent`]). The common motion of the cameras, which no
+//! image shows, is taken out ([`gauge`]).
+//!
+//! *Source:* gradients by the pose as in gsplat, from coarse to fine as in BARF (Lin et al. 2021).
 
 pub(super) mod align;
 mod descent;
