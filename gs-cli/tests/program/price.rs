@@ -172,7 +172,7 @@ fn corrections_of_a_training_are_priced_on_request() {
     let printed = run(&["--train", "12"]).done().stdout;
     assert!(printed.contains("training of 12 steps") && printed.contains("\nexposure "), "{printed}");
     assert!(!printed.contains("\nposes "), "{printed}");
-    let report = run(&["--train", "90", "--json"]).json();
+    let report = run(&["--train", "240", "--json"]).json();
     let [_, poses] = &report["training"]["prices"].as_array().unwrap()[..] else { panic!("{report}") };
     assert_eq!(poses["effect"].as_str(), Some("poses"));
     for side in ["with", "without"] {

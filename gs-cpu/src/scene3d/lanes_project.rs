@@ -1,5 +1,5 @@
 //! The projection of several Gaussians at a time, a lane each: `Perspective::project` and
-//! `sh::color` of gs-core, whose legends hold here, and `Splat::new`.
+//! `sh::color` of gs-core, whose symbols are used here, and `Splat::new`.
 
 use fearless_simd::{Simd, prelude::*};
 use gs_core::{
