@@ -341,7 +341,6 @@ mod tests {
         for name in ["fit", "train", "render", "view"] {
             assert_eq!(heading(name, "effects").as_deref(), Some("Rendering"), "{name}");
         }
-        assert_eq!(heading("render", "settings"), None);
     }
 
     #[test]

@@ -52,12 +52,12 @@ fn all_arms_are_measured_at_aligned_poses() {
             assert_eq!((&view.name, view.psnr, view.l1), (&expected.name, matched.psnr, matched.l1));
         }
     }
-    // Refinement and wrong poses change the scenes.
+    // Refinement and wrong poses change the scenes, from enough points.
     let scene = |name: &str| {
         let arm = plan.study.arms.iter().position(|arm| arm.name == name).unwrap();
         results.finished(arm, 60).next().unwrap().1.scene.clone()
     };
-    let [off, on, wrong] = ["points+true+off", "points+true+on", "points+wrong+off"].map(scene);
+    let [off, on, wrong] = ["random+true+off", "random+true+on", "random+wrong+off"].map(scene);
     assert!(off != on && off != wrong);
     let effects: Vec<EffectOf> = results.effects(&[Matching::Count]).into_iter().map(|effect| effect.of).collect();
     let labels: Vec<String> = effects.iter().map(EffectOf::label).collect();
