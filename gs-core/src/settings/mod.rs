@@ -44,6 +44,15 @@ pub enum Cut {
     Smooth,
 }
 
+/// How far a Gaussian reaches: to where α falls to the cut. There is no other value. The type
+/// exists for the key `extent` of scene files and settings files, which earlier versions had a choice for.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Extent {
+    #[default]
+    AlphaCut,
+}
+
 crate::choices! {
     /// What the pixels of a rendering show. Exhaustive: a backend must handle or refuse each value.
     #[derive(Default)]
@@ -85,11 +94,19 @@ pub struct Accuracy {
     pub alpha_max: f32,
     /// Transmittance below which a pixel is full. 0..=0.5, default [`TRANSMITTANCE_MIN`].
     pub transmittance_min: f32,
+    /// The key `extent` of files; see [`Extent`].
+    extent: Extent,
 }
 
 impl Default for Accuracy {
     fn default() -> Self {
-        Self { alpha_cut: ALPHA_CUT, cut: Cut::Hard, alpha_max: ALPHA_MAX, transmittance_min: TRANSMITTANCE_MIN }
+        Self {
+            alpha_cut: ALPHA_CUT,
+            cut: Cut::Hard,
+            alpha_max: ALPHA_MAX,
+            transmittance_min: TRANSMITTANCE_MIN,
+            extent: Extent::AlphaCut,
+        }
     }
 }
 
@@ -97,14 +114,20 @@ impl Accuracy {
     /// The most accurate settings that [`RenderSettings::validate`] allows with a hard cut, from
     /// which errors are measured. With n Gaussians at a pixel, the cut changes the pixel by less
     /// than n · 1e-6 and the bound of α by 1e-4.
-    pub const TIGHTEST: Self = Self { alpha_cut: 1e-6, cut: Cut::Hard, alpha_max: 0.9999, transmittance_min: 0.0 };
+    pub const TIGHTEST: Self =
+        Self { alpha_cut: 1e-6, cut: Cut::Hard, alpha_max: 0.9999, transmittance_min: 0.0, extent: Extent::AlphaCut };
 
     /// The settings of 3DGS: α up to 0.99. *Source:* Kerbl et al. 2023, `forward.cu`.
     ///
     /// The square of three standard deviations by which 3DGS picks tiles, and which leaves out a
     /// part of opaque Gaussians, is not imitated.
-    pub const THREE_DGS: Self =
-        Self { alpha_cut: ALPHA_CUT, cut: Cut::Hard, alpha_max: 0.99, transmittance_min: TRANSMITTANCE_MIN };
+    pub const THREE_DGS: Self = Self {
+        alpha_cut: ALPHA_CUT,
+        cut: Cut::Hard,
+        alpha_max: 0.99,
+        transmittance_min: TRANSMITTANCE_MIN,
+        extent: Extent::AlphaCut,
+    };
 }
 
 /// Everything that a rendering depends on besides the scene and the view.
@@ -226,6 +249,14 @@ impl RenderSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_have_a_key_for_the_extent() {
+        let file = serde_json::to_string(&Accuracy::default()).unwrap();
+        assert!(file.contains("\"extent\":\"alpha-cut\""), "{file}");
+        assert_eq!(serde_json::from_str::<Accuracy>(&file).unwrap(), Accuracy::default());
+        assert!(serde_json::from_str::<Accuracy>("{\"extent\":{\"sigmas\":3.0}}").is_err());
+    }
 
     #[test]
     fn outputs_have_the_names_of_settings_files() {
