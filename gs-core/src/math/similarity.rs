@@ -25,8 +25,8 @@ impl Similarity {
     /// `turns` are further observations of the turn: the sum of w · b aᵀ over directions a that are to become b,
     /// with weights in squared units of the points that they go to; [`DMat3::ZERO`] without any.
     ///
-    /// The scale is 1 where the points are all at one place. `None` without a weight above 0, and where a number is
-    /// not finite.
+    /// The scale is 1 where the points are all at one place. `None` without a weight above 0, where neither points
+    /// nor `turns` determine the turn, and where a number is not finite.
     ///
     /// *Source:* Horn 1987, *Closed-form solution of absolute orientation using unit quaternions*.
     pub fn between(pairs: &[(DVec3, DVec3, f64)], turns: DMat3) -> Option<Self> {

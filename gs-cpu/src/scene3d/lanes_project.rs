@@ -66,6 +66,9 @@ impl<V> Geometry<V> {
         let norm2 = fma(w, w, fma(x, x, fma(y, y, z * z)));
         let largest = log_scale[0].abs().max(log_scale[1].abs()).max(log_scale[2].abs().max(logit.abs()));
         let mut usual = largest.simd_le(splat::<S, V>(simd, SAFE_LOGARITHM));
+        // A maximum may lose a NaN, which a sum does not.
+        let sum = log_scale[0] + log_scale[1] + (log_scale[2] + logit);
+        usual &= sum.abs().simd_lt(splat::<S, V>(simd, f32::INFINITY));
         usual &= norm2.simd_lt(splat::<S, V>(simd, f32::INFINITY));
 
         let turn: [[V; 3]; 3] =

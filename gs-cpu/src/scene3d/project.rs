@@ -183,7 +183,7 @@ mod tests {
     use gs_core::{Gaussian3d, Parameterization, Scene as _, Scene3d, effects::Antialias, logit};
 
     use super::*;
-    use crate::{kind::Splats as _, layout::Grid, level::SimdLevel};
+    use crate::{kind::Splats as _, layout::Grid, level::SimdLevel, scene3d::splats::LOG_SCALE};
 
     /// A number from −1 to 1.
     fn unit(seed: u32) -> f32 {
@@ -192,7 +192,7 @@ mod tests {
         (bits ^ (bits >> 13)) as f32 / u32::MAX as f32 * 2.0 - 1.0
     }
 
-    /// Gaussians of all fates; every 31st has an extreme number.
+    /// Gaussians of all fates; every 31st has an extreme number, and every 62nd NaN.
     fn splats() -> Splats3d {
         let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
         for i in 0..1_001 {
@@ -214,7 +214,14 @@ mod tests {
             }
             scene.push(gaussian);
         }
-        Splats3d::new(&scene, Parameterization::ScaleRotation).unwrap()
+        let mut splats = Splats3d::new(&scene, Parameterization::ScaleRotation).unwrap();
+        let pitch = splats.pitch();
+        for (i, row) in splats.parameters.chunks_exact_mut(pitch).enumerate() {
+            if i % 124 == 11 || i % 124 == 43 {
+                row[LOG_SCALE.start + i % 124 / 43] = f32::NAN;
+            }
+        }
+        splats
     }
 
     #[test]
@@ -263,7 +270,7 @@ mod tests {
             }
         }
         assert!(drawn > 80, "{drawn}");
-        assert!((8..40).contains(&extreme), "{extreme}");
+        assert!((24..64).contains(&extreme), "{extreme}");
     }
 
     fn numbers((splat, depth): &(Splat, PixelDepth)) -> Vec<f32> {

@@ -145,6 +145,10 @@ impl Camera<'_> {
             return Err(Error::unknown_camera_model(file, found, &known));
         }
         let refused = |fault| Refusal::new(Skip::BadCamera, format!("in camera {}, {fault}", self.name));
+        // OpenSfM's way to write NaN.
+        if let Some((key, _)) = self.fields.own.iter().find(|(_, value)| value.is_null()) {
+            return Ok(Err(refused(format!("{key} is NaN, but must be a number"))));
+        }
         Ok(self.numbers(kind).map_err(refused))
     }
 

@@ -121,8 +121,14 @@ impl RenderArgs {
     }
 }
 
+/// Numbers and names by key.
 fn cutoffs(text: &str) -> Result<Table, &'static str> {
-    text.replace(',', "\n").parse().map_err(|_| "write KEY=VALUE, and commas between several")
+    let pair = |pair: &str| {
+        let (key, value) = pair.split_once('=')?;
+        let number = value.trim().parse::<f64>().map(toml::Value::Float);
+        Some((key.trim().to_owned(), number.unwrap_or_else(|_| value.trim().to_owned().into())))
+    };
+    text.split(',').map(pair).collect::<Option<_>>().ok_or("write KEY=VALUE, and commas between several")
 }
 
 /// The cameras of a 3D scene.

@@ -175,7 +175,7 @@ fn poses_line(report: &PosesReport, matched: Option<PoseMatched>) -> String {
     if !used {
         let gain = trial_db.unwrap_or_default();
         return format!(
-            "poses were not refined: in a short trial, aligning views to their images did not make them clearly better ({gain:+.2} dB in the mean)"
+            "poses were not refined: in a short trial, aligning views to their images did not make them better ({gain:+.2} dB in the mean)"
         );
     }
     let matched = matched.map_or_else(String::new, |PoseMatched { psnr, ssim, .. }| {

@@ -182,7 +182,7 @@ fn what_is_wrong_is_named() {
     says(&with(json!({"k1": 0.1})), "in camera v2 a, focal_x is missing");
     says(&with(json!({"focal": "wide"})), "focal is \"wide\", but must be a number");
     says(&with(json!({"focal": -1.0})), "focal is -1, but must be greater than 0");
-    says(&with(json!({"focal": 0.9, "k1": "NaN"})), "k1 is NaN, but must be a number");
+    says(&with(json!({"focal": 0.9, "k1": null})), "k1 is NaN, but must be a number");
     says(&with(json!({"focal": 0.9, "width": 0})), "width is 0, but must be greater than 0");
     says(&with(json!({"focal": 0.9, "width": 1e300})), "the camera has");
     says(&json!([]), "it lists none");

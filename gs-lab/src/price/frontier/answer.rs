@@ -1,7 +1,7 @@
 //! The answer to a budget: the flags of settings, with their measurements on the views of the search
 //! and on others.
 
-use gs_core::{Accuracy, RenderSettings, counted, effects::Effect, profile::Quantiles};
+use gs_core::{Accuracy, Cut, RenderSettings, counted, effects::Effect, profile::Quantiles};
 use serde::Serialize;
 
 use super::{
@@ -45,20 +45,28 @@ impl Answer {
     }
 }
 
-/// The flags of `gs render` for settings that differ from the scene's `usual` ones.
+/// The flags of `gs render` for settings that differ from the scene's `usual` ones. Effects are named even where
+/// only the command asked for them.
 fn flags(settings: &RenderSettings, usual: &RenderSettings) -> String {
-    let cutoffs = |Accuracy { alpha_cut, alpha_max, transmittance_min, .. }: Accuracy| {
-        [("alpha-cut", alpha_cut), ("alpha-max", alpha_max), ("transmittance-min", transmittance_min)]
+    let cutoffs = |Accuracy { alpha_cut, alpha_max, transmittance_min, cut, .. }: Accuracy| {
+        let cut = if cut == Cut::Hard { "hard" } else { "smooth" }.to_owned();
+        let numbers = [("alpha-cut", alpha_cut), ("alpha-max", alpha_max), ("transmittance-min", transmittance_min)];
+        numbers.map(|(name, value)| (name, value.to_string())).into_iter().chain([("cut", cut)])
     };
-    let changed = cutoffs(settings.accuracy).into_iter().zip(cutoffs(usual.accuracy)).filter(|(new, old)| new != old);
+    let changed = cutoffs(settings.accuracy).zip(cutoffs(usual.accuracy)).filter(|(new, old)| new != old);
     let changed: Vec<String> = changed.map(|((name, value), _)| format!("{name}={value}")).collect();
     let mut flags = vec!["--effects all".to_owned()];
     if !changed.is_empty() {
         flags.push(format!("--accuracy {}", changed.join(",")));
     }
-    let effects = Effect::OPTIONAL.into_iter().map(|effect| (effect, effect.value(&settings.effects)));
-    let others = effects.filter(|(effect, value)| *value != effect.value(&usual.effects));
-    flags.extend(others.map(|(effect, value)| format!("--{effect} {value}")));
+    // A background is a colour, which no settings change.
+    let effects = Effect::OPTIONAL.into_iter().filter(|effect| *effect != Effect::Background);
+    let plain = RenderSettings::default().effects;
+    for (effect, value) in effects.map(|effect| (effect, effect.value(&settings.effects))) {
+        if value != effect.value(&usual.effects) || value != effect.value(&plain) {
+            flags.push(format!("--{effect} {value}"));
+        }
+    }
     flags.join(" ")
 }
 

@@ -151,8 +151,8 @@ impl Sight {
     }
 }
 
-/// Numbers of pixels with which a view is aligned, one after the other, and steps for each. A number that is there
-/// twice measures slopes and depths again, at the camera that the steps before found.
+/// Numbers of pixels with which a view is aligned, one after the other, and steps for each. A repeated number
+/// measures slopes and depths again, at the camera that the steps before found.
 const FINER: [(u64, u32); 7] =
     [(2_500, NUDGES), (10_000, 4), (10_000, 4), (10_000, 4), (40_000, 3), (40_000, 3), (160_000, 3)];
 

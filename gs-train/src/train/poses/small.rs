@@ -21,11 +21,11 @@ const PIXELS: u64 = 4_000;
 /// too, and then no gradient corrects these.
 const MOST_GAUSSIANS: usize = 2_000;
 
-/// Factor of the learning rate of colours: a training is so short.
+/// Factor of the learning rate of colours, because these trainings are short.
 const FASTER: f32 = 8.0;
 
-/// Share of the pixels of a run's steps that the steps in which cameras move before it may have, and bounds of
-/// the number of epochs.
+/// Most pixels of the training in which cameras move, relative to those of the run, and bounds of its number of
+/// epochs. It has no more steps than the run, whatever a step costs.
 const SHARE: f64 = 0.06;
 const EPOCHS: [u32; 2] = [15, 80];
 
@@ -72,7 +72,7 @@ impl Small {
         of_run: &TrainSettings,
     ) -> Result<Vec<Camera>, Error> {
         let [least, most] = EPOCHS.map(|epochs| RefinePoses::steps(epochs, cameras.len()));
-        let steps = share_of(SHARE, of_run.iterations, cameras).clamp(least, most);
+        let steps = share_of(SHARE, of_run.iterations, cameras).clamp(least, most).min(of_run.iterations);
         let settings = self.settings(of_run, steps).with(|s| s.resolution = Resolution::from_coarse(2));
         let poses = Poses::moving(&self.views, &self.scene, Motion::BEFORE_RUN);
         let views = Views::new(self.views, Vec::new());

@@ -98,7 +98,7 @@ impl Trial {
     }
 
     /// Whether views match better by [`LEAST_DB`] once they are aligned: by the sum of ranks of the gains, against
-    /// the one that chance has in the mean, because a single alignment that goes astray costs more than many gain.
+    /// the sum expected by chance, because a single alignment that goes astray costs more than many gain.
     /// Never by one half alone.
     ///
     /// *Source:* Wilcoxon 1945, *Individual Comparisons by Ranking Methods*.
