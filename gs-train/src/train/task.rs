@@ -146,7 +146,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         self.exposures.report()
     }
 
-    /// What was found about the poses of the training views, once an epoch has ended.
+    /// What was found about the poses of the training views; `None` where they are not refined.
     pub(super) fn poses_report(&self) -> Option<PosesReport> {
         self.poses.report()
     }

@@ -139,8 +139,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         self.task.exposure_report()
     }
 
-    /// What was found about the poses of the training views' cameras; `None` before the first epoch ends, or
-    /// where they are not refined ([`RefinePoses`](super::RefinePoses)).
+    /// What was found about the poses of the training views' cameras, from the start of the run on; `None` where they
+    /// are not refined or the run is too short for it ([`RefinePoses`](super::RefinePoses)).
     pub fn poses(&self) -> Option<PosesReport> {
         self.task.poses_report()
     }

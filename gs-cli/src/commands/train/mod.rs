@@ -22,7 +22,7 @@ use gs_io::{
 use gs_poses::is_video;
 use gs_train::{
     MetricsLog, TrainSettings, Trainer3d,
-    train::{Start, Views},
+    train::{RefinePoses, Start, Views},
 };
 
 pub(crate) use self::arguments::TrainArgs;
@@ -174,6 +174,12 @@ impl TrainStart {
                         (*settings, log)
                     }
                 };
+                match settings.refine_poses {
+                    _ if settings.iterations < RefinePoses::least_steps(views.train.len()) => {}
+                    RefinePoses::On => output::note("moving the cameras on small images first"),
+                    RefinePoses::Auto => output::note("testing the camera poses on small images first"),
+                    _ => {}
+                }
                 let trainer = Trainer3d::from_views(rasterizer, views, initial, settings);
                 Ok((trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?, log, description))
             }

@@ -134,7 +134,7 @@ pub struct PosesReport {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct State {
-    /// Report after the last epoch.
+    /// Report on where the cameras are since the start, or the last epoch.
     report: Option<PosesReport>,
     /// What the trial of [`RefinePoses::Auto`] found: [`PosesReport::trial_db`].
     trial_db: Option<f32>,
@@ -261,7 +261,7 @@ impl Poses {
         Ok(Some((KEY, to_table(KEY, &self.state)?)))
     }
 
-    /// Report after the last epoch; `None` before the first one, and where poses are not refined.
+    /// Report on where the cameras are; `None` where poses are not refined.
     pub(super) fn report(&self) -> Option<PosesReport> {
         self.state.report
     }
