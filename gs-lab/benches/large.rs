@@ -6,9 +6,6 @@
 
 #![allow(clippy::print_stdout)]
 
-// Its tests run in tests/main.rs, as this program runs none.
-#[allow(dead_code, unused_imports)]
-mod city;
 mod measure;
 
 use std::{
@@ -18,10 +15,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use city::{Capture, City};
 use clap::Parser;
 use gs_cpu::CpuRasterizer;
 use gs_io::dataset::{DatasetSettings, read_dataset};
+use gs_lab::synthetic::{Capture, City};
 use gs_train::{
     MetricsLog, TrainPreset, Trainer3d,
     train::{StartName, Views},

@@ -25,7 +25,7 @@ pub mod run;
 #[cfg(test)]
 mod sources;
 pub mod study;
-mod synthetic;
+pub mod synthetic;
 #[cfg(test)]
 mod tests;
 

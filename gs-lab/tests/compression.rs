@@ -1,4 +1,4 @@
-//! The files and curves of the bench on compression.
+//! The files and curves of the bench on compression, whose program runs no tests itself.
 
 #[allow(dead_code)]
 #[path = "../benches/compression/codec.rs"]

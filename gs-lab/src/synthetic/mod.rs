@@ -1,10 +1,13 @@
-//! Targets that are computed: images by name, for studies and experiments.
+//! Targets that are computed: images by name, for studies and experiments, and a city that is
+//! captured like a real one, for captures of any size.
 
+mod city;
 mod thin_lines;
 
 use gs_core::Image;
 use gs_train::{DiscAndSquare, Fill};
 
+pub use self::city::{Capture, City};
 use self::thin_lines::thin_lines;
 
 /// A target that needs no file.

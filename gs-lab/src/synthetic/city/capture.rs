@@ -3,18 +3,19 @@
 use std::{f32::consts::TAU, fs, path::Path};
 
 use glam::{UVec2, Vec3, vec3};
+use gs_backend::FutureExt as _;
 use gs_core::{Camera, Image, Rasterizer, Scene3d};
 use gs_density::Rng;
 use image::codecs::jpeg::JpegEncoder;
-use pollster::FutureExt as _;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 
 use super::{
-    City, Outcome,
+    City,
     lens::RadialLens,
     model::{write_cameras, write_images, write_points},
 };
+use crate::error::Error;
 
 /// Height of the flight above the ground, m.
 const ALTITUDE_M: f32 = 75.0;
@@ -37,15 +38,15 @@ const JPEG_QUALITY: u8 = 92;
 /// and obliquely to the four sides. They have one slightly distorted lens, noise, and exposures
 /// and white balances of their own.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Capture {
+pub struct Capture {
     /// The city.
-    pub(crate) city: City,
+    pub city: City,
     /// Number of photographs, at least 1. Default 400.
-    pub(crate) views: u32,
+    pub views: u32,
     /// Columns of a photograph, px; rows are ¾ of it. Default 4,000.
-    pub(crate) width: u32,
+    pub width: u32,
     /// Number of points, about. Default 100,000.
-    pub(crate) points: usize,
+    pub points: usize,
 }
 
 impl Default for Capture {
@@ -61,10 +62,15 @@ impl Capture {
     ///
     /// # Errors
     /// Those of the backend and of writing files.
-    pub(crate) fn write<R: Rasterizer<Scene3d>>(&self, on: &R, folder: &Path, mut written: impl FnMut(u32)) -> Outcome {
+    pub fn write<R: Rasterizer<Scene3d>>(
+        &self,
+        on: &R,
+        folder: &Path,
+        mut written: impl FnMut(u32),
+    ) -> Result<(), Error> {
         let (images, model) = (folder.join("images"), folder.join("sparse/0"));
         for folder in [&images, &model] {
-            fs::create_dir_all(folder)?;
+            fs::create_dir_all(folder).map_err(|source| gs_io::Error::Write { path: folder.clone(), source })?;
         }
         let mut scene = self.city.scene();
         let lens = self.lens();
@@ -136,7 +142,7 @@ impl Capture {
 }
 
 /// Writes an image as JPEG.
-fn write_jpeg(path: &Path, image: &Image) -> Outcome {
+fn write_jpeg(path: &Path, image: &Image) -> Result<(), Error> {
     let bytes: Vec<u8> = image.pixels().as_flattened().iter().map(|value| (value * 255.0).round() as u8).collect();
     gs_io::write_atomically(path, |file| {
         let mut encoder = JpegEncoder::new_with_quality(file, JPEG_QUALITY);

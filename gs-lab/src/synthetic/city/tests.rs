@@ -1,12 +1,12 @@
 use std::num::NonZeroU32;
 
+use gs_backend::FutureExt as _;
 use gs_core::{Image, Parameterization, Rasterizer as _, Scene as _, metrics::mean};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::{
     WorldFrame,
     dataset::{Dataset, DatasetSettings, Split, read_dataset},
 };
-use pollster::FutureExt as _;
 
 use super::{Capture, City};
 
