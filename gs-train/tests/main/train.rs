@@ -312,8 +312,9 @@ fn a_trial_measures_the_speed_of_steps() {
     let speed =
         Speed::measure(&rasterizer, views(&rasterizer), Start::Random, &settings, f64::INFINITY).block_on().unwrap();
     let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), [0; 2]);
+    // By how much depends on the machine: a run's rounds, which are as many, may take most of its time.
     let (short, long) = (seconds(1_000), seconds(2_000));
-    assert!(short > 0.0 && long > 1.5 * short && long < 2.5 * short, "{short} s, {long} s");
+    assert!(0.0 < short && short < long, "{short} s, {long} s");
     assert!(speed.view_seconds(&settings) > 0.0 && speed.evaluation_seconds(&settings) > 0.0);
 }
 
