@@ -224,9 +224,7 @@ impl<T> DepthMaps<T> {
         for guide in loose() {
             let view = &views[guide.view];
             let camera = searched_camera(&view.camera);
-            // A background in one channel shows the transmittance.
-            let render = inverse_depths(render).on([0.0, 1.0, 0.0]);
-            let image = on.draw(splats, &camera, &render).await?.0;
+            let image = on.draw(splats, &camera, &depths_and_gaps(render)).await?.0;
             seen.push(rendered_samples(&values_at(&depth_map(view)?, &camera), &image));
         }
         let fits = fits(&seen);
@@ -261,12 +259,24 @@ impl<T> DepthMaps<T> {
 }
 
 /// Settings for rendering inverse depths, 0 where nothing is.
-pub(super) fn inverse_depths(render: &RenderSettings) -> RenderSettings {
+fn inverse_depths(render: &RenderSettings) -> RenderSettings {
     render.with(|s| {
         s.output = Output::InverseDepth;
         s.effects.background = Background::None;
         s.effects.statistics = Statistics::None;
     })
+}
+
+/// Settings for rendering inverse depths in the first channel, and these plus the transmittance in the second.
+pub(super) fn depths_and_gaps(render: &RenderSettings) -> RenderSettings {
+    inverse_depths(render).on([0.0, 1.0, 0.0])
+}
+
+/// The depth at a pixel of a rendering with [`depths_and_gaps`]; `None` where it is not clear.
+pub(super) fn clear_depth([inverse, beside, _]: [f32; 3]) -> Option<f32> {
+    let opacity = 1.0 - (beside - inverse);
+    let depth = opacity / inverse;
+    (opacity >= LEAST_OPACITY && depth > 0.0 && depth.is_finite()).then_some(depth)
 }
 
 /// The depth map of a view that had one when the run began.
@@ -275,18 +285,14 @@ fn depth_map(view: &PosedView) -> Result<gs_io::dataset::DepthMap, Error> {
     Ok(view.source.depth()?.ok_or_else(gone)?)
 }
 
-/// Values of a map and rendered depths at pixels [`CELL`] px apart. `rendered` has inverse depths in
-/// its first channel, and these plus the transmittance in its second.
+/// Values of a map and rendered depths ([`depths_and_gaps`]) at pixels [`CELL`] px apart.
 fn rendered_samples(values: &[f32], rendered: &Image) -> Vec<Sample> {
     let (width, height) = rendered.size();
     let at = (CELL / 2..height).step_by(CELL as usize);
     let at = at.flat_map(|y| (CELL / 2..width).step_by(CELL as usize).map(move |x| (x, y)));
     at.filter_map(|(x, y)| {
-        let (value, [inverse, beside, _]) = (values[(y * width + x) as usize], rendered.pixel(x, y));
-        let opacity = 1.0 - (beside - inverse);
-        let depth = opacity / inverse;
-        let clear = value > 0.0 && opacity >= LEAST_OPACITY && depth > 0.0 && depth.is_finite();
-        clear.then_some(Sample { value, depth })
+        let (value, depth) = (values[(y * width + x) as usize], clear_depth(rendered.pixel(x, y))?);
+        (value > 0.0).then_some(Sample { value, depth })
     })
     .collect()
 }

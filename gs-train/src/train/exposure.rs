@@ -5,16 +5,23 @@
 //! from rendering to image is solved by least squares over the pixels of both at a reduced size of a
 //! few thousand pixels. Later steps compare renderings with images to which the inverse maps are applied. The mean map
 //! is the identity, which fixes the colours of the scene.
+//!
+//! Whether images differ is decided without renderings, by neighbouring images alone ([`neighbours`]): what a
+//! scene has learned, also from corrected images, is no evidence.
+
+mod neighbours;
 
 use std::collections::BTreeMap;
 
-use gs_core::{Image, Rasterizer, RenderSettings, Scene3d, metrics::mean};
+use gs_core::{Rasterizer, RenderSettings, Scene3d, metrics::mean};
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
+use self::neighbours::{Halves, SmallView};
+use super::depth_loss::{clear_depth, depths_and_gaps};
 use crate::error::Error;
 use crate::run::{table, to_table};
-use crate::views::{ColorMap, ColorPair, PosedView, possible, reduced, reduced_camera};
+use crate::views::{ColorMap, PosedView, possible, reduced, reduced_camera};
 
 gs_core::choices! {
     /// How differences in exposure and white balance between images are treated.
@@ -27,9 +34,10 @@ gs_core::choices! {
         /// Each training view has an affine colour map, solved while the scene is trained. Needs at
         /// least two training views.
         Affine = "affine": "Correct the colours of each training view by an affine map found during the training",
-        /// Starts like [`Self::Affine`]. Switches to [`Self::Off`] once a solution shows that the
-        /// images do not differ, and stays off in runs that are too short to tell.
-        Auto = "auto": "As affine if the images differ in exposure or white balance, otherwise as off",
+        /// Like [`Self::Affine`] if neighbouring images differ in exposure or white balance when the maps are
+        /// first to be solved. Otherwise like [`Self::Off`], with the same bits, also in runs that are too short
+        /// to tell and where no views show the same places.
+        Auto = "auto": "As affine if neighbouring images differ in exposure or white balance, otherwise as off",
     }
 }
 
@@ -55,11 +63,12 @@ impl Exposure {
 /// enough for the scene to adapt to the corrected images.
 const SOLVED_AT: [f64; 4] = [0.2, 0.35, 0.5, 0.65];
 
-/// Least gain of the maps, dB, with which [`Exposure::Auto`] corrects the images.
-const LEAST_GAIN_DB: f64 = 1.5;
+/// Least [gain](ExposureReport::gain_db) with which [`Exposure::Auto`] corrects the images. Five captures have
+/// up to 0.22 dB; with their images brightened by a factor exp(N(0, 0.06)) each, four have 0.46 dB or more.
+const LEAST_GAIN_DB: f64 = 0.35;
 
 /// Least number of steps for each training view before the first solution of [`Exposure::Auto`]:
-/// the colours of a scene that is hardly trained differ from those of any image.
+/// a scene that is hardly trained has other depths than what the images show.
 const LEAST_STEPS_PER_VIEW: u32 = 5;
 
 /// Approximate number of pixels at which a rendering is compared with its image: many for the
@@ -68,6 +77,10 @@ const PIXELS: u64 = 10_000;
 
 /// Least number of pixels in each half of a view whose gain is measured.
 const LEAST_PAIRS: usize = 50;
+
+/// Squared distance of colours that is added to all errors: differences far below five levels of 255 in each
+/// channel gain nothing, however well images agree otherwise.
+const SMALL_ERROR: f64 = 3.0 * 4e-4;
 
 /// Range of pixel values that count as not clipped by the camera.
 const UNCLIPPED: [f32; 2] = [0.01, 0.98];
@@ -91,11 +104,15 @@ struct Maps {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct ExposureReport {
-    /// Whether the maps are used: with [`Exposure::Auto`], only where they gain enough.
+    /// Whether the images are corrected: with [`Exposure::Auto`], only where the gain is large enough.
     pub used: bool,
-    /// How much better the map of a view's left half fits its right half than the mean of all these
-    /// maps does; mean over the training views, dB.
+    /// How much better neighbouring images agree with a colour map for each of them than with a common one, dB.
+    /// The map of a view is fitted in one half of it, from the colours that the nearest other images have at the
+    /// same places, and judged in the other half; mean over both halves of the training views.
     pub gain_db: f64,
+    /// Number of training views whose halves both show places that other views show, too.
+    #[serde(default)]
+    pub compared: usize,
 }
 
 /// The maps, and the reduced views from which they are solved.
@@ -106,56 +123,38 @@ pub(super) struct Exposures {
     small: Vec<SmallView>,
 }
 
-/// A view at a small size.
-#[derive(Debug)]
-struct SmallView {
-    factor: u32,
-    /// Indices and colours of the pixels that are used: unmasked, opaque and not clipped. Those in
-    /// the left half come first.
-    pixels: Vec<(u32, [f32; 3])>,
-    /// Number of pixels in the left half.
-    left: usize,
-}
-
 impl SmallView {
     fn read(view: &PosedView) -> Result<Self, Error> {
         let camera = &view.camera;
         let pixels = u64::from(camera.width) * u64::from(camera.height);
         let factor = possible(camera, (pixels / PIXELS).isqrt().max(1).next_power_of_two() as u32);
         let posed = reduced(&view.image()?, factor)?;
-        let (width, [low, high]) = (posed.image.width(), UNCLIPPED);
+        let [low, high] = UNCLIPPED;
         let tells = |index: usize, color: &[f32; 3]| {
             color.iter().all(|value| (low..=high).contains(value))
                 && posed.mask.as_ref().is_none_or(|mask| mask[index])
                 && posed.alpha.as_ref().is_none_or(|alpha| alpha[index] >= 1.0)
         };
-        let pixels = posed.image.pixels().iter().enumerate().filter(|&(index, color)| tells(index, color));
-        let (mut pixels, right): (Vec<_>, Vec<_>) =
-            pixels.map(|(index, color)| (index as u32, *color)).partition(|(index, _)| index % width < width / 2);
-        let left = pixels.len();
-        pixels.extend(right);
-        Ok(Self { factor, pixels, left })
-    }
-
-    /// The colours of a rendering of the view and of its image at the pixels. The sides of the
-    /// rendering are those of the view divided by `by`.
-    fn pairs(&self, rendered: Image, by: u32) -> Result<Vec<ColorPair>, Error> {
-        let rendered = reduced(&PosedImage { image: rendered, alpha: None, mask: None }, self.factor / by)?.image;
-        Ok(self.pixels.iter().map(|&(index, color)| (rendered.pixels()[index as usize], color)).collect())
+        let colors = posed.image.pixels().iter().enumerate();
+        let colors = colors.map(|(index, color)| if tells(index, color) { *color } else { [f32::NAN; 3] }).collect();
+        Ok(Self { camera: reduced_camera(camera, factor), factor, colors })
     }
 }
 
-/// Gain in the right half of a view by a map fitted to its left half, over the mean of these maps,
-/// dB; mean over the views. `halves` are the pairs of both halves of each view.
+/// Gain in a half of a view by a map fitted to its other half, over the mean of the maps of all views, dB; mean
+/// over the halves.
 ///
-/// The mean map is left out: it is an error of the scene, not a difference between images.
-fn gain_db(halves: &[[&[ColorPair]; 2]]) -> f64 {
-    let maps: Vec<ColorMap> = halves.iter().map(|[left, _]| ColorMap::robust_fit(left)).collect();
-    let common = mean_of_possible(&maps);
-    let gain = |(map, [_, right]): (&ColorMap, &[&[ColorPair]; 2])| {
-        10.0 * (common.squared_error(right) / map.squared_error(right)).log10()
-    };
-    let gains: Vec<f64> = maps.iter().zip(halves).map(gain).filter(|gain| gain.is_finite()).collect();
+/// The mean map is left out: it is an error of the first colours, not a difference between images.
+fn gain_db(views: &[Halves]) -> f64 {
+    let gains = [[0, 1], [1, 0]].into_iter().flat_map(|[from, to]| {
+        let maps: Vec<ColorMap> = views.iter().map(|halves| ColorMap::robust_fit(&halves[from])).collect();
+        let common = mean_of_possible(&maps);
+        maps.into_iter().zip(views).map(move |(map, halves)| {
+            let error = |map: ColorMap| map.squared_error(&halves[to]) / halves[to].len() as f64 + SMALL_ERROR;
+            10.0 * (error(common) / error(map)).log10()
+        })
+    });
+    let gains: Vec<f64> = gains.filter(|gain| gain.is_finite()).collect();
     if gains.is_empty() { 0.0 } else { mean(gains) }
 }
 
@@ -217,7 +216,7 @@ impl Exposures {
     }
 
     /// Solves all maps again for the current scene, from renderings whose sides are divided by
-    /// `factor`, a power of two.
+    /// `factor`, a power of two. The first time, decides whether they are used.
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
@@ -231,25 +230,41 @@ impl Exposures {
         if self.small.is_empty() {
             self.small = views.iter().map(SmallView::read).collect::<Result<_, _>>()?;
         }
-        let mut pairs = Vec::with_capacity(views.len());
+        if self.maps.report.is_none() {
+            let ExposureReport { gain_db, compared, .. } = self.compared((on, splats), render).await?;
+            let used = exposure == Exposure::Affine || gain_db >= LEAST_GAIN_DB;
+            self.maps.report = Some(ExposureReport { used, gain_db, compared });
+            if !used {
+                self.small = Vec::new();
+                return Ok(());
+            }
+        }
+        let mut fits = Vec::with_capacity(views.len());
         for (view, small) in views.iter().zip(&self.small) {
             let by = factor.min(small.factor);
-            let rendered = on.draw(splats, &reduced_camera(&view.camera, by), render).await?.0;
-            pairs.push(small.pairs(rendered, by)?);
+            let image = on.draw(splats, &reduced_camera(&view.camera, by), render).await?.0;
+            let rendered = reduced(&PosedImage { image, alpha: None, mask: None }, small.factor / by)?.image;
+            fits.push(ColorMap::robust_fit(&small.pairs(|index| Some(rendered.pixels()[index])).concat()));
         }
-        let fits: Vec<ColorMap> = pairs.iter().map(|pairs| ColorMap::robust_fit(pairs)).collect();
-        let halves = pairs.iter().zip(&self.small).map(|(pairs, small)| pairs.split_at(small.left).into());
-        let halves: Vec<[&[ColorPair]; 2]> =
-            halves.filter(|halves: &[&[ColorPair]; 2]| halves.iter().all(|half| half.len() >= LEAST_PAIRS)).collect();
-        let gain_db = gain_db(&halves);
-        let differ = views.len() > 1 && gain_db >= LEAST_GAIN_DB;
-        let used = exposure == Exposure::Affine || differ;
-        let of_views = if used { undone(&fits) } else { Vec::new() };
-        if !used {
-            self.small = Vec::new();
-        }
-        self.maps = Maps { of_views, report: Some(ExposureReport { used, gain_db }) };
+        self.maps.of_views = undone(&fits);
         Ok(())
+    }
+
+    /// What a comparison of neighbouring views finds, at the same places by the depths of the scene.
+    async fn compared<R: Rasterizer<Scene3d>>(
+        &self,
+        (on, splats): (&R, &R::Splats),
+        render: &RenderSettings,
+    ) -> Result<ExposureReport, Error> {
+        let render = depths_and_gaps(render);
+        let mut depths = Vec::with_capacity(self.small.len());
+        for view in &self.small {
+            let rendered = on.draw(splats, &view.camera, &render).await?.0;
+            depths.push(rendered.pixels().iter().map(|pixel| clear_depth(*pixel).unwrap_or(0.0)).collect());
+        }
+        let mut halves = neighbours::pairs(&self.small, &depths);
+        halves.retain(|halves| halves.iter().all(|half| half.len() >= LEAST_PAIRS));
+        Ok(ExposureReport { used: false, gain_db: gain_db(&halves), compared: halves.len() })
     }
 }
 
@@ -270,6 +285,9 @@ fn mean_of_possible(maps: &[ColorMap]) -> ColorMap {
 
 #[cfg(test)]
 mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::Camera;
+
     use super::*;
 
     #[test]
@@ -298,27 +316,51 @@ mod tests {
     #[test]
     fn what_all_views_lack_is_no_difference_between_images() {
         // Views of other colours and with other errors.
-        let taken = |(view, gain): (usize, f32)| -> Vec<ColorPair> {
+        let taken = |(view, gain): (usize, f32)| -> Halves {
             let spread = |i: usize, by: f32| (by * (60 * view + i) as f32).fract();
             let color = |i: usize| [0.618, 0.414, 0.732].map(|by| 0.1 + 0.5 * spread(i, by));
             let error = |i: usize| 0.05 * spread(i, 0.303);
-            (0..60).map(|i| (color(i), color(i).map(|c| gain * c + error(i)))).collect()
+            [0..30, 30..60].map(|half| half.map(|i| (color(i), color(i).map(|c| gain * c + error(i)))).collect())
         };
-        let gain = |gains: [f32; 3]| {
-            let views: Vec<_> = gains.into_iter().enumerate().map(taken).collect();
-            let halves: Vec<[&[ColorPair]; 2]> = views.iter().map(|pairs| pairs.split_at(30).into()).collect();
-            gain_db(&halves)
-        };
-        assert!(gain([0.7; 3]).abs() < 1.0, "a scene that is too bright: {} dB", gain([0.7; 3]));
+        let gain = |gains: [f32; 3]| gain_db(&gains.into_iter().enumerate().map(taken).collect::<Vec<_>>());
+        assert!(gain([0.7; 3]).abs() < 0.5, "first colours that are too bright: {} dB", gain([0.7; 3]));
         assert!(gain([0.7, 0.9, 1.1]) > 5.0, "{} dB", gain([0.7, 0.9, 1.1]));
         assert_eq!(gain_db(&[]), 0.0);
+    }
+
+    /// A row of 24 cameras before a plane that shines, taken with other exposures.
+    #[test]
+    fn only_differences_between_neighbours_are_corrected() {
+        let (side, distance) = (48, 4.0);
+        let lens = Camera::looking_forward(side, side, 1.0);
+        let number = |i: usize| i as f32 / 23.0 - 0.5;
+        let gain = |exposure: &dyn Fn(usize) -> f32| {
+            let view = |i: usize| {
+                let x = 2.0 * number(i);
+                let camera = Camera { translation: Vec3::new(-x, 0.0, distance), ..lens };
+                let color = |pixel: u32| {
+                    let at = Vec2::new((pixel % side) as f32, (pixel / side) as f32) + 0.5;
+                    let at = (at - camera.center) / camera.focal * distance + Vec2::new(x, 0.0);
+                    let texture = [1.1, 1.7, 2.3].map(|by| 0.4 + 0.2 * (by * at.x).sin() * (2.0 * by * at.y).cos());
+                    // What a camera at the side sees of the plane is brighter.
+                    texture.map(|value| exposure(i).exp() * value * (1.0 + 0.02 * (at.x - x)))
+                };
+                SmallView { camera, factor: 1, colors: (0..side * side).map(color).collect() }
+            };
+            let depths = vec![vec![distance; (side * side) as usize]; 24];
+            gain_db(&neighbours::pairs(&(0..24).map(view).collect::<Vec<_>>(), &depths))
+        };
+        // The same exposures, along the path of the camera and without order.
+        let (smooth, scattered) = (gain(&|i| 0.2 * number(i)), gain(&|i| 0.2 * number(7 * i % 24)));
+        assert!(smooth < LEAST_GAIN_DB && gain(&|_| 0.0) < LEAST_GAIN_DB, "{smooth} dB, {} dB", gain(&|_| 0.0));
+        assert!(scattered > 2.0, "{scattered} dB");
     }
 
     #[test]
     fn maps_come_back_from_a_checkpoint_and_damaged_ones_are_refused() {
         let maps = Maps {
             of_views: vec![ColorMap::from([[0.1 + 0.2, 0.0, 0.0, 1e-9], [0.0, 1.0 / 3.0, 0.0, 0.0], [0.5; 4]]); 2],
-            report: Some(ExposureReport { used: true, gain_db: 1.0 / 7.0 }),
+            report: Some(ExposureReport { used: true, gain_db: 1.0 / 7.0, compared: 2 }),
         };
         let exposures = Exposures { maps: maps.clone(), small: Vec::new() };
         let (key, text) = exposures.to_metadata().unwrap().unwrap();
@@ -333,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn auto_looks_until_images_agree() {
+    fn auto_decides_once() {
         let (mut exposures, steps) = (Exposures::default(), 1000);
         let due = |exposures: &Exposures, exposure| {
             (0..=steps).filter(|&step| exposures.is_due(exposure, 40, step, steps)).count()
@@ -342,9 +384,9 @@ mod tests {
             [Exposure::Off, Exposure::Affine, Exposure::Auto].map(|of| due(&exposures, of)),
             [0, SOLVED_AT.len(), SOLVED_AT.len()]
         );
-        exposures.maps.report = Some(ExposureReport { used: true, gain_db: 2.0 });
+        exposures.maps.report = Some(ExposureReport { used: true, gain_db: 2.0, compared: 40 });
         assert_eq!(due(&exposures, Exposure::Auto), SOLVED_AT.len());
-        exposures.maps.report = Some(ExposureReport { used: false, gain_db: 0.1 });
+        exposures.maps.report = Some(ExposureReport { used: false, gain_db: 0.1, compared: 40 });
         assert_eq!(due(&exposures, Exposure::Auto), 0);
         // Five steps for each of these views are 200, 205, 650 and 655.
         let first = |views| (0..=steps).find(|&step| Exposures::default().is_due(Exposure::Auto, views, step, steps));

@@ -22,8 +22,8 @@ use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{
     MetricsLog, Trainer3d,
     train::{
-        ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, ImageReading, PoseMatched, PosesReport,
-        RefinePoses, TrainSummary, TrainingViews, Views,
+        ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, Exposure, ExposureReport, ImageReading, PoseMatched,
+        PosesReport, RefinePoses, TrainSummary, TrainingViews, Views,
     },
 };
 use serde::Serialize;
@@ -110,15 +110,22 @@ impl results::Summary for Summary<'_> {
                  {DRIFT_DB} dB): more views or fewer Gaussians (-n) may help; more steps or Gaussians probably will not"
             )
         });
-        let exposure = exposure.and_then(|ExposureReport { used, gain_db, .. }| match (used, verbosity) {
-            (true, _) => {
-                Some(format!("differences in exposure between the images were corrected, which gained {gain_db:.1} dB"))
+        let auto = self.training.settings.exposure == Exposure::Auto;
+        let exposure = match exposure {
+            Some(ExposureReport { used: true, gain_db, .. }) => Some(format!(
+                "differences in exposure between the images were corrected; a colour map for each image brings \
+                 neighbouring images {gain_db:.1} dB closer"
+            )),
+            Some(ExposureReport { gain_db, compared, .. }) if verbosity == Verbosity::Verbose => Some(format!(
+                "exposure was not corrected: in {compared} comparable views, a colour map for each image brings \
+                 neighbouring images only {gain_db:.1} dB closer"
+            )),
+            None if auto && verbosity == Verbosity::Verbose => {
+                let steps = counted(*iterations, "step");
+                Some(format!("exposure was not corrected: {steps} are too few to compare images"))
             }
-            (false, Verbosity::Verbose) => {
-                Some(format!("exposure was not corrected: that would have gained only {gain_db:.1} dB"))
-            }
-            (false, _) => None,
-        });
+            _ => None,
+        };
         let views = self.training.train_views;
         let poses = match poses {
             Some(report) => Some(poses_line(report, evaluation.pose_matched)),

@@ -11,7 +11,7 @@ use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene3d};
 use gs_io::dataset::PosedImage;
 
 use crate::error::Error;
-use crate::train::depth_loss::inverse_depths;
+use crate::train::depth_loss::depths_and_gaps;
 use crate::views::{PosedView, possible, reduced, reduced_camera};
 
 /// Largest motion of the image in a step of Gauss-Newton, root mean square, px.
@@ -94,8 +94,7 @@ impl Sight {
         render: &RenderSettings,
         (half, steps): (Half, u32),
     ) -> Result<Camera, Error> {
-        // A background in one channel shows the transmittance.
-        let depths = self.draw(scene, camera, &inverse_depths(render).on([0.0, 1.0, 0.0])).await?;
+        let depths = self.draw(scene, camera, &depths_and_gaps(render)).await?;
         let mut rendered = self.draw(scene, camera, render).await?;
         let rows = self.rows(half, &reduced_camera(camera, self.factor), (&rendered, &depths));
         if rows.len() < LEAST_PIXELS {
