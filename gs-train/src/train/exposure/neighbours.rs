@@ -12,8 +12,9 @@ use rayon::prelude::*;
 
 use crate::views::ColorPair;
 
-/// Number of other views that a pixel is compared with, the nearest that show its place.
+/// Number of other views that a pixel is compared with: the nearest that show its place, of the nearest at all.
 const NEAREST: usize = 4;
+const AT_MOST_FROM: usize = 128;
 
 /// Largest difference of ln-depth at which two views show the same place.
 const SAME_PLACE: f32 = 0.02;
@@ -81,6 +82,7 @@ pub(super) fn pairs(views: &[SmallView], depths: &[Vec<f32>]) -> Vec<Halves> {
         let distance = |other: &SmallView| other.camera.position().distance_squared(from);
         let mut others: Vec<_> = views.iter().zip(depths).filter(|(other, _)| !std::ptr::eq(*other, view)).collect();
         others.sort_by(|(a, _), (b, _)| distance(a).total_cmp(&distance(b)));
+        others.truncate(AT_MOST_FROM);
         let every = (own.len() / COMPARED).max(1);
         view.pairs(|index| {
             let is_compared = index % every == 0 && own[index] > 0.0;
