@@ -149,16 +149,16 @@ impl<V> Over<V> {
         V: Floats<S>,
     {
         let uncut = w * self.opacity;
-        let alpha = uncut.min(self.alpha_max);
+        let touches = uncut.simd_ge(self.cut);
+        // With an α of 0, the transmittance stays. A select of what is stored would become a masked
+        // store, and the next load of the row would wait until that has reached the cache.
+        let alpha = touches.select(uncut.min(self.alpha_max), self.zero);
         let before: V = load(simd, transmittance, lane);
         let share = before * alpha;
         let behind = before - share;
-        let touches = uncut.simd_ge(self.cut);
         let counts = behind.simd_ge(self.minimum);
-        let after = counts.select(behind, -before.abs());
-        store(touches.select(after, before), transmittance, lane);
-        let counted = touches & counts;
-        Blended { share: counted.select(share, self.zero), counted, before, alpha, uncut }
+        store(counts.select(behind, -before.abs()), transmittance, lane);
+        Blended { share: counts.select(share, self.zero), counted: touches & counts, before, alpha, uncut }
     }
 
     /// t = α·v_α, from v_C·colour and v_C·(the colour behind the Gaussian). The gradient of a clamped
