@@ -16,10 +16,14 @@ use gs_core::Accuracy;
 
 use crate::{
     collect::Collect,
-    lanes::{Floats, LANES, exp, exp_less, fma, iota, load, masked, splat, store},
+    lanes::{Floats, LANES, exp_less, fma, iota, load, masked, splat, store},
     layout::ScalarRow,
-    splat::Splat,
+    splat::{SAFE_EXPONENT, Splat},
 };
+
+/// The factor of the recurrence's weights. Without it, lanes far from the Gaussian would come to
+/// denormal numbers, which take a hundred times as long. A power of two changes no digit.
+const SCALE: f32 = f32::from_bits((127 + 120) << 23);
 
 /// The weights of an entry, row by row, in the lanes from `lane` on.
 #[derive(Clone, Copy)]
@@ -36,8 +40,8 @@ pub(crate) struct Weights<V> {
     base: f32,
     minus_fall: V,
     mask: V,
-    /// w of the current row, and the factor to the next row's w, minus `base`.
-    pub(crate) w: V,
+    /// [`SCALE`] times w of the current row, and the factor to the next row's w, minus `base`.
+    scaled: V,
     growth: V,
 }
 
@@ -52,7 +56,7 @@ impl<V> Weights<V> {
         let across = dx * dx * (-0.5 * splat_.inverse_xx);
         let (base, mask) = if splat_.fall > 0.0 { (1.0, f32::from_bits(u32::MAX)) } else { (0.0, 0.0) };
         let (ratio, minus_fall, mask) = (splat(simd, splat_.ratio), splat(simd, -splat_.fall), splat(simd, mask));
-        Self { dx, across, c: splat_.c, ratio, base, minus_fall, mask, w: zero, growth: zero }
+        Self { dx, across, c: splat_.c, ratio, base, minus_fall, mask, scaled: zero, growth: zero }
     }
 
     /// Starts the recurrence at the row in which u is `u`.
@@ -62,12 +66,23 @@ impl<V> Weights<V> {
         V: Floats<S>,
     {
         let cu = u * self.c;
-        self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
-        // `exp_less` is wrong beyond ±87, which never brings a weight above the cut. c(|u| + ½) >
-        // 87 means that w is 0 here or that c > 30. If w is 0, it stays 0 or NaN up to the next
-        // start, and the true weight is below the cut. If c > 30, the next start is after at most
+        let exponent = fma(cu * u, splat(simd, -0.5), self.across);
+        // A lane that begins lower stays below the cut up to the next start. In the others, c(|u| + ½)
+        // is above 87, where `exp_less` is wrong, only if c > 30. Then the next start is after at most
         // two rows, and the weight of the second row is negative.
-        self.growth = exp_less(simd, -(cu + 0.5 * self.c), self.base);
+        let may_show = exponent.simd_ge(splat::<S, V>(simd, -SAFE_EXPONENT));
+        self.scaled = may_show.select(exp_less(simd, exponent, 0.0) * SCALE, splat(simd, 0.0));
+        self.growth = may_show.select(exp_less(simd, -(cu + 0.5 * self.c), self.base), splat(simd, 0.0));
+    }
+
+    /// The weights of the current row, 0 where they are below the splat's cut, and where they are not.
+    #[inline(always)]
+    pub(crate) fn above<S: Simd>(&self, simd: S, s: &Splat) -> (V, V::Mask)
+    where
+        V: Floats<S>,
+    {
+        let above = self.scaled.simd_ge(splat::<S, V>(simd, s.cut * SCALE));
+        (above.select(self.scaled, splat(simd, 0.0)) * (1.0 / SCALE), above)
     }
 
     /// Goes to the next row: w ← w (base + growth), growth ← (base + growth) ratio − base.
@@ -76,7 +91,7 @@ impl<V> Weights<V> {
     where
         V: Floats<S>,
     {
-        self.w = fma(self.w, self.growth, masked(self.w, self.mask));
+        self.scaled = fma(self.scaled, self.growth, masked(self.scaled, self.mask));
         self.growth = fma(self.growth, self.ratio, self.minus_fall);
     }
 }
@@ -105,8 +120,9 @@ pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usi
 pub(crate) struct Over<V> {
     zero: V,
     one: V,
-    cut: V,
     opacity: V,
+    /// The cut and the largest α, times [`SCALE`].
+    cut: V,
     alpha_max: V,
     minimum: V,
 }
@@ -121,6 +137,7 @@ pub(crate) struct Blended<V, M> {
     /// Transmittance before it.
     before: V,
     alpha: V,
+    /// The α without its limit, times [`SCALE`].
     uncut: V,
 }
 
@@ -131,28 +148,29 @@ impl<V> Over<V> {
         V: Floats<S>,
     {
         let all = |value| splat(simd, value);
-        let (alpha_max, minimum) = (all(accuracy.alpha_max), all(accuracy.transmittance_min));
-        Self { zero: all(0.0), one: all(1.0), cut: all(s.cut), opacity: all(s.opacity), alpha_max, minimum }
+        let (cut, alpha_max) = (all(s.cut * SCALE), all(accuracy.alpha_max * SCALE));
+        let minimum = all(accuracy.transmittance_min);
+        Self { zero: all(0.0), one: all(1.0), opacity: all(s.opacity), cut, alpha_max, minimum }
     }
 
-    /// Blends the Gaussian with weights `w` behind the earlier ones, and updates the transmittances
+    /// Blends the Gaussian with these weights behind the earlier ones, and updates the transmittances
     /// of the lanes from `lane` on. Those of full pixels become negative.
     #[inline(always)]
     pub(crate) fn blended<S: Simd>(
         &self,
         simd: S,
-        w: V,
+        weights: &Weights<V>,
         transmittance: &mut [f32; LANES],
         lane: usize,
     ) -> Blended<V, V::Mask>
     where
         V: Floats<S>,
     {
-        let uncut = w * self.opacity;
+        let uncut = weights.scaled * self.opacity;
         let touches = uncut.simd_ge(self.cut);
         // With an α of 0, the transmittance stays. A select of what is stored would become a masked
         // store, and the next load of the row would wait until that has reached the cache.
-        let alpha = touches.select(uncut.min(self.alpha_max), self.zero);
+        let alpha = touches.select(uncut.min(self.alpha_max), self.zero) * (1.0 / SCALE);
         let before: V = load(simd, transmittance, lane);
         let share = before * alpha;
         let behind = before - share;

@@ -147,7 +147,7 @@ fn forward_part<S: Simd, V: Floats<S>>(
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
         row += rows.len();
         for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
-            let share = over.blended(simd, weights.w, t, lane).share;
+            let share = over.blended(simd, &weights, t, lane).share;
             for k in 0..3 {
                 store(fma(share, color[k], load(simd, &pixels[k], lane)), &mut pixels[k], lane);
             }
@@ -231,7 +231,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
         weights.start(simd, u);
         row += rows.len();
         for (Row([t, rest, _]), Row(v)) in rows.iter_mut().zip(v_rows) {
-            let blended = over.blended(simd, weights.w, t, lane);
+            let blended = over.blended(simd, &weights, t, lane);
             let share = blended.share;
             let v = load3(simd, v, lane);
             for k in 0..3 {

@@ -47,12 +47,11 @@ pub(crate) fn forward<S: Simd>(
     first_row: usize,
     rows: &mut [Row],
 ) {
-    let zero = splat::<S, Whole<S>>(simd, 0.0);
     let Some(first) = entries.first() else { return };
     let mut run = Run::<Whole<S>>::new(simd, first, projected, first_column, usize::from(first.rows[0]));
     for (index, entry) in entries.iter().enumerate() {
         let s = &projected[entry.splat as usize];
-        let (color, cut): ([Whole<S>; 3], Whole<S>) = (splat3(simd, s.color), splat(simd, s.cut));
+        let color: [Whole<S>; 3] = splat3(simd, s.color);
         let following = entries.get(index + 1).unwrap_or(entry);
         let end = usize::from(entry.rows[1]);
         loop {
@@ -61,7 +60,7 @@ pub(crate) fn forward<S: Simd>(
             let next = Run::new(simd, of, projected, first_column, at);
             let mut weights = run.weights;
             for Row(pixels) in &mut rows[run.row - first_row..stop - first_row] {
-                let w = weights.w.simd_ge(cut).select(weights.w, zero);
+                let (w, _) = weights.above(simd, s);
                 for k in 0..3 {
                     store(fma(w, color[k], load(simd, &pixels[k], 0)), &mut pixels[k], 0);
                 }
@@ -136,7 +135,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
-    let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
+    let zero: V = splat(simd, 0.0);
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
@@ -148,8 +147,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
         weights.start(simd, u);
         row += rows.len();
         for Row(v) in rows {
-            let counts = weights.w.simd_ge(cut);
-            let w = counts.select(weights.w, zero);
+            let (w, counts) = weights.above(simd, s);
             let v = load3(simd, v, lane);
             for k in 0..3 {
                 v_color[k] = fma(w, v[k], v_color[k]);
@@ -212,14 +210,14 @@ fn colors_part<S: Simd, V: Floats<S>>(
     if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
-    let (zero, cut): (V, V) = (splat(simd, 0.0), splat(simd, s.cut));
+    let zero: V = splat(simd, 0.0);
     let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let mut v_color = [zero; 3];
     for rows in rows.chunks(s.restart_rows as usize) {
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
         row += rows.len();
         for Row(v) in rows {
-            let w = weights.w.simd_ge(cut).select(weights.w, zero);
+            let (w, _) = weights.above(simd, s);
             for k in 0..3 {
                 v_color[k] = fma(w, load(simd, &v[k], lane), v_color[k]);
             }
