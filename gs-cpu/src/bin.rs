@@ -5,7 +5,10 @@
 //! in a tile where all its weights are below the cut. The entries of a tile are in the order of
 //! ranks for every number of threads.
 
-use std::ops::Range;
+use std::{
+    ops::Range,
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
+};
 
 use gs_core::{Error, memory};
 use rayon::prelude::*;
@@ -27,25 +30,24 @@ pub(crate) struct Entry {
     pub(crate) splat: u32,
     /// First image row, and the one after the last.
     pub(crate) rows: [u16; 2],
+    /// Where its gradient is among those of all entries.
+    pub(crate) slot: u32,
 }
 
 /// An entry that is not in its tile's list yet.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Found {
-    entry: Entry,
+struct Found {
+    splat: u32,
+    rows: [u16; 2],
     tile: u32,
 }
 
-/// The entries of one chunk of ranks, and their positions in the lists.
+/// The entries of one chunk of ranks.
 #[derive(Debug, Default)]
 struct Chunk {
     found: Vec<Found>,
-    /// The position of each of `found` in [`Bins::entries`].
-    slots: Vec<u32>,
-    /// Index of the first of `found` for each rank of the chunk, and the end: `[ranks + 1]`.
-    starts: Vec<u32>,
-    /// Per tile: first the number of entries, then the position of the next one.
-    cursors: Vec<u32>,
+    /// Number of entries per tile.
+    counts: Vec<u32>,
     outside: u32,
 }
 
@@ -56,20 +58,23 @@ pub(crate) struct Bins {
     pub(crate) entries: Vec<Entry>,
     /// First entry of each tile, `[tiles + 1]`.
     pub(crate) tile_start: Vec<u32>,
+    /// First slot of each projected splat, and the end of the last: `[splats + 1]`. The slots of a splat
+    /// are in the order of its tiles.
+    slot_start: Vec<AtomicU32>,
     /// Splats that are not culled and touch no pixel.
     pub(crate) outside: u32,
     chunks: Vec<Chunk>,
-    /// Places in a chunk.
-    chunk_len: usize,
+    /// Per tile, the position of the next entry.
+    cursors: Vec<u32>,
     /// Largest number of entries that is accepted. Tests lower it.
     pub(crate) most_entries: u32,
 }
 
 impl Default for Bins {
     fn default() -> Self {
-        let (entries, tile_start, chunks) = Default::default();
+        let (entries, tile_start, slot_start, chunks, cursors) = Default::default();
         // Positions are `u32`.
-        Self { entries, tile_start, outside: 0, chunks, chunk_len: 0, most_entries: u32::MAX }
+        Self { entries, tile_start, slot_start, outside: 0, chunks, cursors, most_entries: u32::MAX }
     }
 }
 
@@ -77,12 +82,11 @@ impl Default for Bins {
 const MOST_CHUNKS: usize = 64;
 
 impl Bins {
-    /// The positions in [`Self::entries`] of the entries of `rank`.
+    /// The slots of `projected[index]`.
     #[inline(always)]
-    pub(crate) fn slots_of(&self, rank: usize) -> &[u32] {
-        let chunk = &self.chunks[rank / self.chunk_len];
-        let within = rank % self.chunk_len;
-        &chunk.slots[chunk.starts[within] as usize..chunk.starts[within + 1] as usize]
+    pub(crate) fn slots_of(&self, index: usize) -> Range<usize> {
+        let [start, end] = [index, index + 1].map(|index| self.slot_start[index].load(Relaxed) as usize);
+        start..end
     }
 
     /// The entries of a tile.
@@ -110,33 +114,38 @@ impl Bins {
         grid: &Grid,
         bounds: Bounds,
     ) -> Result<(), Error> {
-        let tiles = grid.tiles();
-        self.chunk_len = CHUNK.max(count.div_ceil(MOST_CHUNKS));
-        let chunk_len = self.chunk_len;
+        let chunk_len = CHUNK.max(count.div_ceil(MOST_CHUNKS));
         self.chunks.resize_with(count.div_ceil(chunk_len), Chunk::default);
+        self.slot_start.resize_with(projected.len() + 1, AtomicU32::default);
+        self.slot_start.iter_mut().for_each(|count| *count.get_mut() = 0);
+        let slots = &self.slot_start;
         self.chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
             let ranks = i * chunk_len..((i + 1) * chunk_len).min(count);
             // For the level's own rounding instructions.
-            dispatch!(level, _simd => chunk.find(projected, ranks, &splat_at, grid, bounds));
+            dispatch!(level, _simd => chunk.find(projected, ranks, &splat_at, grid, bounds, slots));
         });
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
-        let counts = |tile: usize| self.chunks.iter().map(move |chunk| chunk.cursors[tile]);
-        let total = count_entries((0..tiles).flat_map(counts), self.most_entries)?;
+        let counts = |tile: usize| self.chunks.iter().map(move |chunk| chunk.counts[tile]);
+        let total = count_entries((0..grid.tiles()).flat_map(counts), self.most_entries)?;
         self.tile_start.clear();
+        self.tile_start.push(0);
         let mut next = 0;
-        for tile in 0..tiles {
-            self.tile_start.push(next);
-            for chunk in &mut self.chunks {
-                next += std::mem::replace(&mut chunk.cursors[tile], next);
-            }
+        self.tile_start.extend((0..grid.tiles()).map(|tile| {
+            next += counts(tile).sum::<u32>();
+            next
+        }));
+        let mut next = 0;
+        for start in &mut self.slot_start {
+            next += std::mem::replace(start.get_mut(), next);
         }
-        self.tile_start.push(next);
 
-        self.chunks.par_iter_mut().for_each(Chunk::assign_slots);
         let what = "the list of all pairs of a Gaussian and a tile";
         memory::resize(&mut self.entries, total as usize, Entry::default(), what)?;
-        scatter(0..tiles, &self.tile_start, &self.chunks, &mut self.entries, rayon::current_num_threads());
+        self.cursors.clone_from(&self.tile_start);
+        let Self { entries, tile_start, slot_start, chunks, cursors, .. } = self;
+        let lists = (&mut entries[..], &mut cursors[..grid.tiles()]);
+        scatter(0..grid.tiles(), tile_start, (chunks, slot_start), lists, rayon::current_num_threads());
         Ok(())
     }
 }
@@ -162,12 +171,11 @@ impl Chunk {
         splat_at: &impl Fn(usize) -> usize,
         grid: &Grid,
         bounds: Bounds,
+        slots: &[AtomicU32],
     ) {
         self.found.clear();
-        self.starts.clear();
-        self.starts.push(0);
-        self.cursors.clear();
-        self.cursors.resize(grid.tiles(), 0);
+        self.counts.clear();
+        self.counts.resize(grid.tiles(), 0);
         self.outside = 0;
         // Copied a few at a time, as in `TileInputs::gather`.
         let mut splats = [(0, Splat::CULLED); GATHERED];
@@ -178,12 +186,13 @@ impl Chunk {
                 *splat = projected[*index];
             }
             for (index, splat) in splats {
-                let before = self.found.len();
                 if !splat.is_culled() {
+                    let before = self.found.len();
                     self.find_one(splat, *index as u32, grid, bounds);
-                    self.outside += u32::from(self.found.len() == before);
+                    let found = self.found.len() - before;
+                    self.outside += u32::from(found == 0);
+                    slots[*index].store(found as u32, Relaxed);
                 }
-                self.starts.push(self.found.len() as u32);
             }
         }
     }
@@ -207,19 +216,9 @@ impl Chunk {
             for band in first_row / grid.band_rows..=(end_row - 1) / grid.band_rows {
                 let tile = strip * bands + band;
                 let rows = [first_row.max(band * grid.band_rows), end_row.min((band + 1) * grid.band_rows)];
-                let entry = Entry { splat: index, rows: rows.map(|r| r as u16) };
-                self.found.push(Found { entry, tile: tile as u32 });
-                self.cursors[tile] += 1;
+                self.found.push(Found { splat: index, rows: rows.map(|r| r as u16), tile: tile as u32 });
+                self.counts[tile] += 1;
             }
-        }
-    }
-
-    fn assign_slots(&mut self) {
-        self.slots.clear();
-        for found in &self.found {
-            let cursor = &mut self.cursors[found.tile as usize];
-            self.slots.push(*cursor);
-            *cursor += 1;
         }
     }
 }
@@ -254,25 +253,34 @@ fn vertical_extent(splat: &Splat, left: f32, right: f32) -> (f32, f32) {
 
 /// Writes the entries of `tiles` into their lists. Each of `tasks` tasks reads all chunks and keeps
 /// the entries of its own tiles.
-fn scatter(tiles: Range<usize>, tile_start: &[u32], chunks: &[Chunk], entries: &mut [Entry], tasks: usize) {
+fn scatter(
+    tiles: Range<usize>,
+    tile_start: &[u32],
+    found: (&[Chunk], &[AtomicU32]),
+    (entries, cursors): (&mut [Entry], &mut [u32]),
+    tasks: usize,
+) {
     let base = tile_start[tiles.start] as usize;
     if tasks > 1 && tiles.len() > 1 {
         // Half of the entries go to each side.
         let half = (base + entries.len() / 2) as u32;
         let middle = tile_start[..tiles.end].partition_point(|&s| s < half).clamp(tiles.start + 1, tiles.end - 1);
         let (left, right) = entries.split_at_mut(tile_start[middle] as usize - base);
+        let (of_left, of_right) = cursors.split_at_mut(middle - tiles.start);
         rayon::join(
-            || scatter(tiles.start..middle, tile_start, chunks, left, tasks / 2),
-            || scatter(middle..tiles.end, tile_start, chunks, right, tasks - tasks / 2),
+            || scatter(tiles.start..middle, tile_start, found, (left, of_left), tasks / 2),
+            || scatter(middle..tiles.end, tile_start, found, (right, of_right), tasks - tasks / 2),
         );
         return;
     }
-    let (first, end) = (tiles.start as u32, tiles.end as u32);
-    for chunk in chunks {
-        for (found, &slot) in chunk.found.iter().zip(&chunk.slots) {
-            if (first..end).contains(&found.tile) {
-                entries[slot as usize - base] = found.entry;
-            }
+    let (chunks, slot_start) = found;
+    let (mut last, mut slot) = (u32::MAX, 0);
+    for &Found { splat, rows, tile } in chunks.iter().flat_map(|chunk| &chunk.found) {
+        slot = if splat == last { slot + 1 } else { slot_start[splat as usize].load(Relaxed) };
+        last = splat;
+        if let Some(cursor) = cursors.get_mut((tile as usize).wrapping_sub(tiles.start)) {
+            entries[*cursor as usize - base] = Entry { splat, rows, slot };
+            *cursor += 1;
         }
     }
 }

@@ -15,6 +15,7 @@ use crate::{
     collect::Collect,
     lanes::{Floats, LANES, Whole, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
+    slots::Slots,
     splat::Splat,
     tile_inputs::{GATHERED, TileInputs},
 };
@@ -167,7 +168,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     rows: &mut [Row],
     v_rows: &[Row],
     errors: &[ScalarRow],
-    slots: &mut [f32],
+    slots: &Slots,
 ) {
     let unobstructed = unobstructed(inputs.lanes_inside);
     for (Row(pixels), Row(v)) in rows.iter_mut().zip(v_rows) {
@@ -179,24 +180,24 @@ pub(crate) fn backward<S: Simd, K: Collect>(
             store(fma(b, v_b, fma(g, v_g, r * v_r)), &mut pixels[1], lane);
         }
     }
-    slots.fill(0.0);
     let mut open = OpenRows::all(rows.len());
-    let stride = STRIDE + K::NUMBERS;
     let mut splats = [Splat::CULLED; GATHERED];
-    'entries: for (entries, slots) in inputs.entries.chunks(GATHERED).zip(slots.chunks_mut(GATHERED * stride)) {
-        inputs.gather(entries, &mut splats);
-        let of_entries = entries.iter().zip(&splats).zip(slots.chunks_exact_mut(stride));
-        for (number, ((entry, s), slot)) in of_entries.enumerate() {
+    for entries in inputs.entries.chunks(GATHERED) {
+        if open.0 != 0 {
+            inputs.gather(entries, &mut splats);
+        }
+        for (number, (entry, s)) in entries.iter().zip(&splats).enumerate() {
             if number == CHECK_EVERY - 1 {
                 open.close_full_rows(simd, rows);
-                if open.0 == 0 {
-                    break 'entries;
-                }
             }
-            let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
-            let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
-            let errors = if K::ERROR { &errors[row..end] } else { &[] };
-            each_part!(S, K; backward_part(simd, s, inputs, inputs.first_row + row, rows, v_rows, errors, slot));
+            let mut slot = [0.0; STRIDE + 2];
+            if let Some([row, end]) = open.within(inputs.rows_of(entry)) {
+                let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
+                let errors = if K::ERROR { &errors[row..end] } else { &[] };
+                let (row, slot) = (inputs.first_row + row, &mut slot[..]);
+                each_part!(S, K; backward_part(simd, s, inputs, row, rows, v_rows, errors, slot));
+            }
+            slots.put(entry.slot, &slot[..STRIDE + K::NUMBERS]);
         }
     }
 }

@@ -19,6 +19,7 @@ use crate::{
     lanes::{LANES, Whole, exp, fma, iota, splat, store},
     layout::{Row, ScalarRow},
     level::{Level, dispatch},
+    slots::Slots,
     tile_inputs::TileInputs,
 };
 
@@ -42,6 +43,8 @@ pub(crate) struct Scratch {
     reaching: Vec<u32>,
     /// Entries above the cut at each pixel of a row.
     seen: [Vec<Seen>; LANES],
+    /// Gradients of the entries, `[entries, stride]`.
+    gradients: Vec<f32>,
 }
 
 /// Maps a number to bits that compare as the numbers do.
@@ -148,9 +151,12 @@ pub(crate) fn backward<K: Collect>(
     rows: &[Row],
     v_rows: &[Row],
     errors: &[ScalarRow],
-    slots: &mut [f32],
+    slots: &Slots,
 ) {
-    slots.fill(0.0);
+    let stride = STRIDE + K::NUMBERS;
+    let mut gradients = std::mem::take(&mut scratch.gradients);
+    gradients.clear();
+    gradients.resize(inputs.entries.len() * stride, 0.0);
     scratch.list_rows(inputs, rows.len());
     for (row, (Row(pixels), Row(v))) in rows.iter().zip(v_rows).enumerate() {
         scratch.gather_sorted(level, inputs, row);
@@ -168,7 +174,7 @@ pub(crate) fn backward<K: Collect>(
                 let t = if seen.uncut <= inputs.accuracy.alpha_max { v_alpha * alpha } else { 0.0 };
                 let dx = (inputs.first_column + lane) as f32 + 0.5 - s.mean[0];
                 let u = (inputs.first_row + row) as f32 + 0.5 - s.mean[1] - s.slope * dx;
-                let slot = &mut slots[seen.entry as usize * (STRIDE + K::NUMBERS)..][..STRIDE + K::NUMBERS];
+                let slot = &mut gradients[seen.entry as usize * stride..][..stride];
                 let [r, g, b] = v_color;
                 let nine = [r, g, b, t * dx, t * u, t * dx * dx, t * dx * u, t * u * u, t];
                 slot.iter_mut().zip(nine).for_each(|(total, value)| *total += value);
@@ -186,4 +192,8 @@ pub(crate) fn backward<K: Collect>(
             }
         }
     }
+    for (entry, gradient) in inputs.entries.iter().zip(gradients.chunks_exact(stride)) {
+        slots.put(entry.slot, gradient);
+    }
+    scratch.gradients = gradients;
 }

@@ -10,6 +10,7 @@ use crate::{
     collect::Collect,
     lanes::{Floats, LANES, Whole, each_part, fma, iota, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
+    slots::Slots,
     splat::Splat,
 };
 
@@ -108,14 +109,15 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     lanes_inside: usize,
     rows: &[Row],
     errors: &[ScalarRow],
-    slots: &mut [f32],
+    slots: &Slots,
 ) {
-    for (entry, slot) in entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS)) {
+    for entry in entries {
         let s = &projected[entry.splat as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
-        slot.fill(0.0);
+        let mut slot = [0.0; STRIDE + 2];
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
-        each_part!(S, K; backward_part(simd, s, [first_column, lanes_inside], usize::from(entry.rows[0]), &rows[row..end], errors, slot));
+        each_part!(S, K; backward_part(simd, s, [first_column, lanes_inside], usize::from(entry.rows[0]), &rows[row..end], errors, &mut slot));
+        slots.put(entry.slot, &slot[..STRIDE + K::NUMBERS]);
     }
 }
 
@@ -186,13 +188,14 @@ pub(crate) fn backward_colors<S: Simd>(
     first_column: usize,
     first_row: usize,
     rows: &[Row],
-    slots: &mut [f32],
+    slots: &Slots,
 ) {
-    for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<COLOR_STRIDE>().0) {
+    for entry in entries {
         let s = &projected[entry.splat as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
-        *slot = [0.0; COLOR_STRIDE];
-        each_part!(S; colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));
+        let mut slot = [0.0; COLOR_STRIDE];
+        each_part!(S; colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], &mut slot));
+        slots.put(entry.slot, &slot);
     }
 }
 

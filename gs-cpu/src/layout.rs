@@ -130,24 +130,12 @@ pub(crate) struct TileBuffers<'a> {
     pub(crate) rows: &'a mut [Row],
     /// A number per pixel: transmittance, or errors.
     pub(crate) scalars: &'a mut [ScalarRow],
-    /// `stride` numbers per entry.
-    pub(crate) slots: &'a mut [f32],
     /// A partial sum per tile.
     pub(crate) sums: &'a mut [f64],
 }
 
-/// Where to cut the buffers.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Cuts<'a> {
-    pub(crate) grid: &'a Grid,
-    /// First entry of each tile, `[tiles + 1]`.
-    pub(crate) tile_start: &'a [u32],
-    /// Numbers per entry in `slots`.
-    pub(crate) stride: usize,
-}
-
 /// Runs `work(tile, its buffers)` for every tile of `tiles`, in parallel, without allocating.
-pub(crate) fn for_each_tile<F>(tiles: Range<usize>, buffers: TileBuffers<'_>, cuts: Cuts<'_>, work: &F)
+pub(crate) fn for_each_tile<F>(tiles: Range<usize>, buffers: TileBuffers<'_>, grid: &Grid, work: &F)
 where
     F: Fn(usize, TileBuffers<'_>) + Sync,
 {
@@ -156,17 +144,15 @@ where
         1 => work(tiles.start, buffers),
         n => {
             let middle = tiles.start + n / 2;
-            let rows = cuts.grid.first_row(middle) - cuts.grid.first_row(tiles.start);
-            let entries = (cuts.tile_start[middle] - cuts.tile_start[tiles.start]) as usize;
+            let rows = grid.first_row(middle) - grid.first_row(tiles.start);
             let (rows_l, rows_r) = cut(buffers.rows, rows);
             let (scalars_l, scalars_r) = cut(buffers.scalars, rows);
-            let (slots_l, slots_r) = cut(buffers.slots, entries * cuts.stride);
             let (sums_l, sums_r) = cut(buffers.sums, n / 2);
-            let left = TileBuffers { rows: rows_l, scalars: scalars_l, slots: slots_l, sums: sums_l };
-            let right = TileBuffers { rows: rows_r, scalars: scalars_r, slots: slots_r, sums: sums_r };
+            let left = TileBuffers { rows: rows_l, scalars: scalars_l, sums: sums_l };
+            let right = TileBuffers { rows: rows_r, scalars: scalars_r, sums: sums_r };
             rayon::join(
-                || for_each_tile(tiles.start..middle, left, cuts, work),
-                || for_each_tile(middle..tiles.end, right, cuts, work),
+                || for_each_tile(tiles.start..middle, left, grid, work),
+                || for_each_tile(middle..tiles.end, right, grid, work),
             );
         }
     }
@@ -194,11 +180,9 @@ mod tests {
     fn tiles_cover_every_row_once() {
         let grid = Grid::new((40, 9), 4);
         let mut rows = vec![Row::ZERO; grid.rows()];
-        let starts = vec![0; grid.tiles() + 1];
         let mut sums = vec![0.0; grid.tiles()];
-        let buffers = TileBuffers { rows: &mut rows, scalars: &mut [], slots: &mut [], sums: &mut sums };
-        let cuts = Cuts { grid: &grid, tile_start: &starts, stride: 0 };
-        for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+        let buffers = TileBuffers { rows: &mut rows, scalars: &mut [], sums: &mut sums };
+        for_each_tile(0..grid.tiles(), buffers, &grid, &|tile, buffers| {
             assert_eq!(buffers.rows.len(), grid.place(tile).1.len());
             buffers.rows.iter_mut().for_each(|row| row.0[0][0] += 1.0);
             buffers.sums[0] = tile as f64;

@@ -35,6 +35,7 @@ mod rows;
 mod scene2d;
 mod scene3d;
 mod scratches;
+mod slots;
 mod splat;
 mod stage;
 mod target;

@@ -6,7 +6,7 @@ use gs_core::{Error, Image, Loss, memory};
 use crate::{
     dssim,
     lanes::LANES,
-    layout::{Cuts, Row, ScalarRow, TileBuffers, for_each_tile},
+    layout::{Row, ScalarRow, TileBuffers, for_each_tile},
     level::{Level, dispatch},
     pointwise::{self, Compared, Pointwise},
     target::Target,
@@ -75,10 +75,9 @@ pub(crate) fn take(tiles: &mut Tiles, v_image: &Image) -> Result<(), Error> {
 /// Writes the errors of `tiles.rows` into `tiles.errors`.
 fn errors(tiles: &mut Tiles, target: &Target) {
     let grid = tiles.grid;
-    let (image, bins) = (&tiles.rows, &tiles.bins);
-    let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
-    let buffers = TileBuffers { rows: &mut [], scalars: &mut tiles.errors, slots: &mut [], sums: &mut tiles.sums };
-    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+    let image = &tiles.rows;
+    let buffers = TileBuffers { rows: &mut [], scalars: &mut tiles.errors, sums: &mut tiles.sums };
+    for_each_tile(0..grid.tiles(), buffers, &grid, &|tile, buffers| {
         let first = grid.first_row(tile);
         let pairs = image[first..].iter().zip(&target.rows[first..]);
         for (ScalarRow(error), (Row(c), Row(y))) in buffers.scalars.iter_mut().zip(pairs) {
@@ -98,10 +97,9 @@ fn mean_magnitude([r, g, b]: &[[f32; LANES]; 3]) -> [f32; LANES] {
 /// The sum of a pointwise loss, unscaled. Writes its scaled gradient into `v_rows`.
 fn pointwise(tiles: &mut Tiles, target: &Target, weights: &Target, level: Level, kind: Pointwise) -> f64 {
     let grid = tiles.grid;
-    let (image, bins) = (&tiles.rows, &tiles.bins);
-    let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
-    let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], slots: &mut [], sums: &mut tiles.sums };
-    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+    let image = &tiles.rows;
+    let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], sums: &mut tiles.sums };
+    for_each_tile(0..grid.tiles(), buffers, &grid, &|tile, buffers| {
         let first = grid.first_row(tile);
         let of_tile = first..first + buffers.rows.len();
         let (image, target, weights) =

@@ -17,10 +17,11 @@ use crate::{
     blend_sum,
     collect::{Nothing, collecting, numbers},
     dssim,
-    layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
+    layout::{Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
     level::{Level, dispatch},
     pointwise::{Compared, squares_in_place},
     scratches::Scratches,
+    slots::Slots,
     splat::{PixelDepth, Received, Splat},
     target::Target,
     tile_inputs::TileInputs,
@@ -59,7 +60,7 @@ pub(crate) struct Tiles {
     /// statistic needs it.
     pub(crate) errors: Vec<ScalarRow>,
     /// The gradient of each entry.
-    pub(crate) slots: Vec<f32>,
+    pub(crate) slots: Slots,
     /// Numbers per entry in `slots`.
     pub(crate) stride: usize,
     /// A partial sum per tile.
@@ -93,10 +94,6 @@ impl<'a> Lists<'a> {
             first_row: rows.start,
             lanes_inside: self.grid.lanes_inside(tile),
         }
-    }
-
-    fn cuts(&self, stride: usize) -> Cuts<'a> {
-        Cuts { grid: self.grid, tile_start: &self.bins.tile_start, stride }
     }
 }
 
@@ -179,8 +176,8 @@ impl Tiles {
         memory::resize(&mut self.transmittance, transmittances, ScalarRow([1.0; 16]), "the pixels' transmittances")?;
         let Self { settings, grid, projected, depths, bins, rows, transmittance, scratches, .. } = self;
         let lists = Lists { settings, grid, projected, depths, bins };
-        let buffers = TileBuffers { rows, scalars: transmittance, slots: &mut [], sums: &mut [] };
-        for_each_tile(tiles, buffers, lists.cuts(0), &|tile, buffers| {
+        let buffers = TileBuffers { rows, scalars: transmittance, sums: &mut [] };
+        for_each_tile(tiles, buffers, grid, &|tile, buffers| {
             let TileBuffers { rows, scalars, .. } = buffers;
             let inputs = lists.of(tile);
             match (blend, order) {
@@ -205,8 +202,7 @@ impl Tiles {
     /// # Errors
     /// [`Error::Memory`].
     pub(crate) fn fit_slots(&mut self, stride: usize) -> Result<(), Error> {
-        let what = "the gradients of all pairs of a Gaussian and a tile";
-        memory::resize(&mut self.slots, self.bins.entries.len() * stride, 0.0, what)
+        self.slots.fit(self.bins.entries.len() * stride)
     }
 
     /// Runs stage `blend_bwd`: from `v_rows` into `slots`. Under `Over` it overwrites the image.
@@ -218,9 +214,10 @@ impl Tiles {
         self.fit_slots(self.stride)?;
         let Self { settings, grid, projected, depths, bins, rows, v_rows, errors, slots, scratches, .. } = self;
         let lists = Lists { settings, grid, projected, depths, bins };
-        let buffers = TileBuffers { rows, scalars: &mut [], slots, sums: &mut [] };
-        for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
-            let TileBuffers { rows, slots, .. } = buffers;
+        let buffers = TileBuffers { rows, scalars: &mut [], sums: &mut [] };
+        let slots = &*slots;
+        for_each_tile(0..grid.tiles(), buffers, grid, &|tile, buffers| {
+            let TileBuffers { rows, .. } = buffers;
             let inputs = lists.of(tile);
             let of_tile = grid.first_row(tile)..grid.first_row(tile) + rows.len();
             let errors = if errors.is_empty() { &[] } else { &errors[of_tile.clone()] };
@@ -262,8 +259,9 @@ impl Tiles {
         self.fit_slots(self.stride)?;
         let Self { settings, grid, projected, depths, bins, tile_rows, slots, sums, .. } = self;
         let lists = Lists { settings, grid, projected, depths, bins };
-        let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums };
-        for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
+        let buffers = TileBuffers { rows: &mut [], scalars: &mut [], sums };
+        let slots = &*slots;
+        for_each_tile(0..grid.tiles(), buffers, grid, &|tile, buffers| {
             let TileInputs { entries, projected, first_column: column, first_row, lanes_inside: inside, .. } =
                 lists.of(tile);
             let of_tile = grid.first_row(tile)..grid.first_row(tile + 1);
@@ -275,7 +273,7 @@ impl Tiles {
                     blend_sum::forward(simd, entries, projected, column, first_row, rows);
                     buffers.sums[0] = squares_in_place(simd, rows, Compared { target, weights, inside });
                     blend_sum::backward::<_, Nothing>(
-                        simd, entries, projected, column, first_row, inside, rows, &[], buffers.slots,
+                        simd, entries, projected, column, first_row, inside, rows, &[], slots,
                     );
                 });
             });
@@ -283,40 +281,27 @@ impl Tiles {
         Ok(self.sums.iter().sum())
     }
 
-    /// The gradient of the splat at `rank`: its entries' slots, summed in the order of its tiles.
-    /// `None` where no tile lists it.
+    /// Whether some tile lists `projected[index]`.
     #[inline(always)]
-    pub(crate) fn received(&self, rank: usize) -> Option<Received> {
-        self.sum_of(self.bins.slots_of(rank))
+    pub(crate) fn lists(&self, index: usize) -> bool {
+        !self.bins.slots_of(index).is_empty()
     }
 
-    /// The sum of these slots; `None` without any.
-    ///
-    /// A splat's slots are far from those of the splat before. Looking up those of several splats, then
-    /// adding them, in two loops of little work, lets the processor wait for many of them at a time.
+    /// The gradient of `projected[index]`: its slots, summed in the order of its tiles. `None` where no
+    /// tile lists it.
     #[inline(always)]
-    pub(crate) fn sum_of(&self, slots: &[u32]) -> Option<Received> {
+    pub(crate) fn received(&self, index: usize) -> Option<Received> {
+        let slots = self.bins.slots_of(index);
         if slots.is_empty() {
             return None;
         }
-        let has_zeroth = self.gradient_stride() == blend_over::STRIDE;
-        let (mut eight, mut zeroth, mut collected) = ([0.0f32; 8], 0.0f32, [0.0f32; 2]);
-        for &slot in slots {
-            let slot = &self.slots[slot as usize * self.stride..][..self.stride];
-            let (of_slot, rest) = slot.split_at(blend_sum::STRIDE);
-            for (total, value) in eight.iter_mut().zip(of_slot) {
-                *total += value;
-            }
-            if has_zeroth {
-                zeroth += rest[0];
-            }
-            for (total, value) in collected.iter_mut().zip(&rest[usize::from(has_zeroth)..]) {
-                *total += value;
-            }
-        }
-        let [r, g, b, x, u, xx, xu, uu] = eight;
+        let [r, g, b, x, u, xx, xu, uu, rest @ ..]: [f32; 11] = self.slots.sums(slots, self.stride);
+        let (zeroth, collected) = match self.settings.effects.blend {
+            Blend::Over => (rest[0], [rest[1], rest[2]]),
+            Blend::Sum => (0.0, [rest[0], rest[1]]),
+        };
         Some(Received { color: [r, g, b], first: Vec2::new(x, u), second: [xx, xu, uu], zeroth, collected })
     }
 }
 
-const _: () = assert!(blend_sum::STRIDE == 8 && blend_over::STRIDE == 9, "`Tiles::sum_of` knows these numbers");
+const _: () = assert!(blend_sum::STRIDE == 8 && blend_over::STRIDE == 9, "`Tiles::received` knows these numbers");

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{buffers::Buffers2d, splats::Splats2d};
 use crate::{
     blend_sum::{self, COLOR_STRIDE},
-    layout::{Cuts, Row, TileBuffers, for_each_tile},
+    layout::{Row, TileBuffers, for_each_tile},
     level::{Level, dispatch},
     pointwise,
     splat::CHUNK,
@@ -101,9 +101,9 @@ fn normal_product(
 ) -> Result<(), Error> {
     tiles.fit_slots(COLOR_STRIDE)?;
     let Tiles { projected, bins, grid, tile_rows, slots, .. } = tiles;
-    let cuts = Cuts { grid, tile_start: &bins.tile_start, stride: COLOR_STRIDE };
-    let buffers = TileBuffers { rows: &mut [], scalars: &mut [], slots, sums: &mut [] };
-    for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
+    let slots = &*slots;
+    let buffers = TileBuffers { rows: &mut [], scalars: &mut [], sums: &mut [] };
+    for_each_tile(0..grid.tiles(), buffers, grid, &|tile, _| {
         let entries = bins.of(tile);
         let (column, place) = grid.place(tile);
         let of_tile = grid.first_row(tile)..grid.first_row(tile) + place.len();
@@ -122,20 +122,12 @@ fn normal_product(
                         pixels.iter_mut().for_each(|channel| channel[inside..].fill(0.0));
                     }
                 }
-                blend_sum::backward_colors(simd, entries, projected, column, place.start, rows, buffers.slots);
+                blend_sum::backward_colors(simd, entries, projected, column, place.start, rows, slots);
             });
         });
     });
-    let slots = &*slots;
-    out.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
-        for (i, sum) in out.iter_mut().enumerate() {
-            *sum = [0.0; 3];
-            for &slot in bins.slots_of(chunk * CHUNK + i) {
-                for k in 0..3 {
-                    sum[k] += slots[slot as usize * COLOR_STRIDE + k];
-                }
-            }
-        }
+    out.par_iter_mut().with_min_len(CHUNK).enumerate().for_each(|(rank, sum)| {
+        *sum = slots.sums(bins.slots_of(rank), COLOR_STRIDE);
     });
     Ok(())
 }

@@ -226,7 +226,7 @@ pub(crate) fn step(
         let count = parameters.len() / pitch;
         block.len = 0;
         for place in from..count {
-            if workspace.lists(first + place) {
+            if workspace.tiles.lists(first + place) {
                 block.members[block.len] = place;
                 block.rows[block.len][..width].copy_from_slice(workspace.buffers.gradient(first + place));
                 block.shares[block.len] = workspace.buffers.shares[first + place];

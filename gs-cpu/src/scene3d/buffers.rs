@@ -1,22 +1,15 @@
 //! The buffers that only 3D scenes need.
 
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
-
 use gs_core::CameraGradient;
 
 use super::{camera_sum::CameraSum, depth_sort::DepthSort, project::Eye, splats::pitch_of};
 use crate::{splat::Share, workspace::Workspace};
-
-/// The rank of a Gaussian that is not drawn.
-pub(crate) const NO_RANK: u32 = u32::MAX;
 
 /// The buffers that only 3D scenes need.
 #[derive(Debug, Default)]
 pub struct Buffers3d {
     pub(crate) eye: Option<Eye>,
     pub(crate) depth_sort: DepthSort,
-    /// Gaussian → rank, or [`NO_RANK`].
-    pub(crate) rank_of: Vec<AtomicU32>,
     /// Gradients by index; each row is laid out as the splats' parameters, up to the evaluated SH.
     /// Unspecified for Gaussians that no tile lists.
     pub(crate) gradients: Vec<f32>,
@@ -47,12 +40,5 @@ impl Workspace<Buffers3d> {
     /// Sets the gradient by the camera, if it was asked for, from the sum over all Gaussians.
     pub(crate) fn set_camera_gradient(&mut self, sum: CameraSum) {
         self.buffers.camera_gradient = self.tiles.settings.camera_gradient.then(|| sum.gradient());
-    }
-
-    /// Whether some tile lists Gaussian `index`.
-    #[inline(always)]
-    pub(crate) fn lists(&self, index: usize) -> bool {
-        let rank = self.buffers.rank_of[index].load(Relaxed);
-        rank != NO_RANK && !self.tiles.bins.slots_of(rank as usize).is_empty()
     }
 }

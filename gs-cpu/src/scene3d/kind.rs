@@ -1,16 +1,13 @@
 //! [`Kind`] for 3D scenes, and the order of depth in which tiles see their Gaussians.
 
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
-
 use gs_core::{
     AdamRates, Binning, Blend, Camera, CameraGradient, Error, Output, RenderSettings, Scene3d, effects::Order,
     math::perspective::Ellipsoid,
 };
-use rayon::prelude::*;
 
 use super::{
     adam,
-    buffers::{Buffers3d, NO_RANK},
+    buffers::Buffers3d,
     project::{self, Eye},
     project_bwd,
     splats::{Splats3d, ellipsoid},
@@ -19,7 +16,6 @@ use crate::{
     bias::BiasTable,
     kind::{AllResources, Kind, Resources},
     level::Level,
-    splat::CHUNK,
     stage::Stage,
     unsupported::check_settings,
     workspace::Workspace,
@@ -86,7 +82,7 @@ impl Kind for Scene3d {
 
     fn sort(workspace: &mut Workspace<Buffers3d>, _: &Splats3d) {
         let Workspace { tiles, buffers, .. } = workspace;
-        let Buffers3d { depth_sort, rank_of, .. } = buffers;
+        let depth_sort = &mut buffers.depth_sort;
         let depths = &tiles.depths;
         let blend = tiles.settings.effects.blend;
         let order = tiles.settings.effects.order;
@@ -95,11 +91,6 @@ impl Kind for Scene3d {
             (Blend::Sum, _) | (Blend::Over, Order::Index) => depth_sort.collect(&depth, depths.len()),
             (Blend::Over, Order::Global | Order::PerPixel) => depth_sort.sort(depth, depths.len()),
         }
-        rank_of.resize_with(depths.len(), AtomicU32::default);
-        rank_of.par_iter().with_min_len(CHUNK).for_each(|rank| rank.store(NO_RANK, Relaxed));
-        (0..depth_sort.len()).into_par_iter().with_min_len(CHUNK).for_each(|rank| {
-            rank_of[depth_sort.at(rank) as usize].store(rank as u32, Relaxed);
-        });
     }
 
     fn project_bwd(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level: Level, scale: f32) {
@@ -117,7 +108,7 @@ impl Kind for Scene3d {
 
     fn derivatives(workspace: &Workspace<Buffers3d>, splats: &Splats3d) -> Self {
         let zeros = vec![0.0; splats.pitch()];
-        let row = |index: usize| match workspace.lists(index) {
+        let row = |index: usize| match workspace.tiles.lists(index) {
             true => {
                 let row = workspace.buffers.gradient(index);
                 (ellipsoid(row), row)

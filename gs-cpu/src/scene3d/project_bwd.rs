@@ -4,7 +4,7 @@
 //! With Σ′⁻¹ d = A (dx, u) and t = o·w·v_(o·w): v_μ′ = Σ t Σ′⁻¹ d and v_Σ′ = ½ Σ t (Σ′⁻¹ d)(Σ′⁻¹
 //! d)ᵀ, both linear in the kernels' sums.
 
-use std::{ops::Range, sync::atomic::Ordering::Relaxed};
+use std::ops::Range;
 
 use fearless_simd::Simd;
 use glam::{Mat2, Vec2, Vec3};
@@ -12,7 +12,7 @@ use gs_core::{Output, effects::Statistics, math::perspective::ProjectionGradient
 use rayon::prelude::*;
 
 use super::{
-    buffers::{Buffers3d, NO_RANK},
+    buffers::Buffers3d,
     camera_sum::CameraSum,
     lanes_project::Columns,
     lanes_vjp::{self, CameraLanes, Lanes},
@@ -80,25 +80,22 @@ impl<'a> Backward<'a> {
         parameters: &[f32],
         block: &mut Block,
     ) -> usize {
-        let mut slots = [&[][..]; BLOCK];
-        let end = self.find(first, from..parameters.len() / self.pitch, &mut slots, block);
+        let end = self.find(first, from..parameters.len() / self.pitch, block);
         if block.len > 0 {
             match self.tiles.settings.camera_gradient {
-                false => dispatch!(level, simd => self.compute::<_, false>(simd, first, parameters, &slots, block)),
-                true => dispatch!(level, simd => self.compute::<_, true>(simd, first, parameters, &slots, block)),
+                false => dispatch!(level, simd => self.compute::<_, false>(simd, first, parameters, block)),
+                true => dispatch!(level, simd => self.compute::<_, true>(simd, first, parameters, block)),
             }
         }
         end
     }
 
-    /// Finds the next listed Gaussians among these places, and their slots.
-    fn find(&self, first: usize, places: Range<usize>, slots: &mut [&'a [u32]; BLOCK], block: &mut Block) -> usize {
+    /// Finds the next listed Gaussians among these places.
+    fn find(&self, first: usize, places: Range<usize>, block: &mut Block) -> usize {
         block.len = 0;
         for place in places.clone() {
-            let rank = self.buffers.rank_of.get(first + place).map_or(NO_RANK, |rank| rank.load(Relaxed));
-            let of_rank = if rank == NO_RANK { &[] } else { self.tiles.bins.slots_of(rank as usize) };
-            if !of_rank.is_empty() {
-                (block.members[block.len], slots[block.len]) = (place, of_rank);
+            if self.tiles.lists(first + place) {
+                block.members[block.len] = place;
                 block.len += 1;
                 if block.len == BLOCK {
                     return place + 1;
@@ -109,17 +106,10 @@ impl<'a> Backward<'a> {
     }
 
     #[inline(always)]
-    fn compute<S: Simd, const CAMERA: bool>(
-        &self,
-        simd: S,
-        first: usize,
-        parameters: &[f32],
-        slots: &[&[u32]; BLOCK],
-        block: &mut Block,
-    ) {
+    fn compute<S: Simd, const CAMERA: bool>(&self, simd: S, first: usize, parameters: &[f32], block: &mut Block) {
         let mut received = [Received::default(); BLOCK];
-        for (received, slots) in received.iter_mut().zip(&slots[..block.len]) {
-            *received = self.tiles.sum_of(slots).unwrap_or_default();
+        for (received, place) in received.iter_mut().zip(&block.members[..block.len]) {
+            *received = self.tiles.received(first + place).unwrap_or_default();
         }
         let width = self.buffers.gradient_pitch();
         let mut lanes = Lanes::ZERO;
@@ -248,7 +238,7 @@ pub(crate) fn add(workspace: &mut Workspace<Buffers3d>, added: &Workspace<Buffer
     let mut gradients = std::mem::take(&mut workspace.buffers.gradients);
     let rows = gradients.par_chunks_mut(workspace.buffers.gradient_pitch()).enumerate().with_min_len(CHUNK);
     rows.for_each(|(index, row)| {
-        if workspace.lists(index) && added.lists(index) {
+        if workspace.tiles.lists(index) && added.tiles.lists(index) {
             row.iter_mut().zip(added.buffers.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
         }
     });
