@@ -213,11 +213,12 @@ impl Chunk {
             let Some((first_row, end_row)) = pixels(splat.mean[1], -top, bottom, grid.height) else {
                 continue;
             };
-            for band in first_row / grid.band_rows..=(end_row - 1) / grid.band_rows {
-                let tile = strip * bands + band;
-                let rows = [first_row.max(band * grid.band_rows), end_row.min((band + 1) * grid.band_rows)];
-                self.found.push(Found { splat: index, rows: rows.map(|r| r as u16), tile: tile as u32 });
+            let (mut row, mut band) = (first_row, first_row / grid.band_rows);
+            while row < end_row {
+                let (tile, end) = (strip * bands + band, end_row.min((band + 1) * grid.band_rows));
+                self.found.push(Found { splat: index, rows: [row, end].map(|r| r as u16), tile: tile as u32 });
                 self.counts[tile] += 1;
+                (row, band) = (end, band + 1);
             }
         }
     }
