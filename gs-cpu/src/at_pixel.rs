@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// The factor of the recurrence's weights. Without it, lanes far from the Gaussian would come to
-/// denormal numbers, which take a hundred times as long. A power of two changes no digit.
+/// denormal numbers, on which operations are many times slower. A power of two changes no digit.
 const SCALE: f32 = f32::from_bits((127 + 120) << 23);
 
 /// The weights of an entry, row by row, in the lanes from `lane` on.
@@ -75,7 +75,7 @@ impl<V> Weights<V> {
         self.growth = may_show.select(exp_less(simd, -(cu + 0.5 * self.c), self.base), splat(simd, 0.0));
     }
 
-    /// The weights of the current row, 0 where they are below the splat's cut, and where they are not.
+    /// The weights of the current row, with 0 for those below the splat's cut, and which are not below it.
     #[inline(always)]
     pub(crate) fn above<S: Simd>(&self, simd: S, s: &Splat) -> (V, V::Mask)
     where
