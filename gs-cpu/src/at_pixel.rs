@@ -21,7 +21,7 @@ use crate::{
     splat::{SAFE_EXPONENT, Splat},
 };
 
-/// The factor of the recurrence's weights. Without it, lanes far from the Gaussian would come to
+/// The factor of the recurrence's weights. Without it, most lanes far from the Gaussian would come to
 /// denormal numbers, on which operations are many times slower. A power of two changes no digit.
 const SCALE: f32 = f32::from_bits((127 + 120) << 23);
 
@@ -168,8 +168,8 @@ impl<V> Over<V> {
     {
         let uncut = weights.scaled * self.opacity;
         let touches = uncut.simd_ge(self.cut);
-        // With an α of 0, the transmittance stays. A select of what is stored would become a masked
-        // store, and the next load of the row would wait until that has reached the cache.
+        // With an α of 0, the transmittance stays. A select between the new and the loaded value would become
+        // a masked store, and the next load of the row would wait until that has reached the cache.
         let alpha = touches.select(uncut.min(self.alpha_max), self.zero) * (1.0 / SCALE);
         let before: V = load(simd, transmittance, lane);
         let share = before * alpha;

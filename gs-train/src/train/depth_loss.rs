@@ -273,8 +273,8 @@ pub(super) fn depths_and_gaps(render: &RenderSettings) -> RenderSettings {
 }
 
 /// The depth at a pixel of a rendering with [`depths_and_gaps`]; `None` where it is not clear.
-pub(super) fn clear_depth([inverse, beside, _]: [f32; 3]) -> Option<f32> {
-    let opacity = 1.0 - (beside - inverse);
+pub(super) fn clear_depth([inverse, with_gaps, _]: [f32; 3]) -> Option<f32> {
+    let opacity = 1.0 - (with_gaps - inverse);
     let depth = opacity / inverse;
     (opacity >= LEAST_OPACITY && depth > 0.0 && depth.is_finite()).then_some(depth)
 }

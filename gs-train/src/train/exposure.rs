@@ -6,8 +6,8 @@
 //! few thousand pixels. Later steps compare renderings with images to which the inverse maps are applied. The mean map
 //! is the identity, which fixes the colours of the scene.
 //!
-//! Whether images differ is decided without renderings, by neighbouring images alone ([`neighbours`]): what a
-//! scene has learned, also from corrected images, is no evidence.
+//! Whether images differ is decided without rendered colours, by neighbouring images alone ([`neighbours`]): what
+//! a scene has learned, also from corrected images, is no evidence.
 
 mod neighbours;
 
@@ -36,7 +36,7 @@ gs_core::choices! {
         Affine = "affine": "Correct the colours of each training view by an affine map found during the training",
         /// Like [`Self::Affine`] if neighbouring images differ in exposure or white balance when the maps are
         /// first to be solved. Otherwise like [`Self::Off`], with the same bits, also in runs that are too short
-        /// to tell and where no views show the same places.
+        /// to tell and where fewer than half of the views can be compared with others.
         Auto = "auto": "As affine if neighbouring images differ in exposure or white balance, otherwise as off",
     }
 }
@@ -96,7 +96,7 @@ struct Maps {
     /// For each training view, the map from its image's colours to the scene's; empty before they
     /// are first solved, and where they are not used.
     of_views: Vec<ColorMap>,
-    /// Report of the last solution.
+    /// Report of the comparison before the first solution.
     report: Option<ExposureReport>,
 }
 
@@ -187,7 +187,7 @@ impl Exposures {
         Ok(Some((KEY, to_table(KEY, &self.maps)?)))
     }
 
-    /// Report of the last solution.
+    /// Report of the comparison before the first solution.
     pub(super) fn report(&self) -> Option<ExposureReport> {
         self.maps.report
     }
@@ -233,7 +233,8 @@ impl Exposures {
         }
         if self.maps.report.is_none() {
             let ExposureReport { gain_db, compared, .. } = self.compared((on, splats), render).await?;
-            let used = exposure == Exposure::Affine || gain_db >= LEAST_GAIN_DB;
+            let differ = gain_db >= LEAST_GAIN_DB && 2 * compared >= views.len();
+            let used = exposure == Exposure::Affine || differ;
             self.maps.report = Some(ExposureReport { used, gain_db, compared });
             if !used {
                 self.small = Vec::new();
@@ -324,7 +325,7 @@ mod tests {
             [0..30, 30..60].map(|half| half.map(|i| (color(i), color(i).map(|c| gain * c + error(i)))).collect())
         };
         let gain = |gains: [f32; 3]| gain_db(&gains.into_iter().enumerate().map(taken).collect::<Vec<_>>());
-        assert!(gain([0.7; 3]).abs() < 0.5, "first colours that are too bright: {} dB", gain([0.7; 3]));
+        assert!(gain([0.7; 3]).abs() < LEAST_GAIN_DB, "first colours that are too bright: {} dB", gain([0.7; 3]));
         assert!(gain([0.7, 0.9, 1.1]) > 5.0, "{} dB", gain([0.7, 0.9, 1.1]));
         assert_eq!(gain_db(&[]), 0.0);
     }

@@ -110,23 +110,26 @@ impl results::Summary for Summary<'_> {
                  {DRIFT_DB} dB): more views or fewer Gaussians (-n) may help; more steps or Gaussians probably will not"
             )
         });
+        let views = self.training.train_views;
         let auto = self.training.settings.exposure == Exposure::Auto;
         let exposure = match exposure {
-            Some(ExposureReport { used: true, gain_db, .. }) => Some(format!(
-                "differences in exposure between the images were corrected; a colour map for each image brings \
-                 neighbouring images {gain_db:.1} dB closer"
+            Some(ExposureReport { used: true, gain_db, .. }) => {
+                let closer = format!("; a colour map for each image brings neighbouring images {gain_db:.2} dB closer");
+                let closer = if auto { &closer } else { "" };
+                Some(format!("differences in exposure between the images were corrected{closer}"))
+            }
+            _ if !auto || verbosity != Verbosity::Verbose => None,
+            Some(ExposureReport { compared, .. }) if 2 * compared < views => Some(format!(
+                "exposure was not corrected: only {compared} of {views} images can be compared with others at the same places"
             )),
-            Some(ExposureReport { gain_db, compared, .. }) if verbosity == Verbosity::Verbose => Some(format!(
-                "exposure was not corrected: in {compared} comparable views, a colour map for each image brings \
-                 neighbouring images only {gain_db:.1} dB closer"
+            Some(ExposureReport { gain_db, .. }) => Some(format!(
+                "exposure was not corrected: a colour map for each image brings neighbouring images only {gain_db:.2} dB closer"
             )),
-            None if auto && verbosity == Verbosity::Verbose => {
+            None => {
                 let steps = counted(*iterations, "step");
                 Some(format!("exposure was not corrected: {steps} are too few to compare images"))
             }
-            _ => None,
         };
-        let views = self.training.train_views;
         let poses = match poses {
             Some(report) => Some(poses_line(report, evaluation.pose_matched)),
             None if self.training.settings.refine_poses == RefinePoses::Off => None,
