@@ -17,6 +17,9 @@ mod trainer;
 mod unseen;
 mod usual_start;
 
+#[cfg(feature = "edit")]
+pub(crate) use self::evaluation::measure;
+pub(crate) use self::evidence::plain;
 pub use self::{
     depth_loss::{DepthLoss, DepthMapCounts},
     evaluation::{ColorMatched, Evaluation, Look, PoseMatched, TrainingViews, ViewQuality, evaluate, evaluate_aligned},
@@ -27,7 +30,6 @@ pub use self::{
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
 };
-pub(crate) use self::{evaluation::measure, evidence::plain};
 pub use crate::{
     fit::Flat,
     start::{PointInit, Start, StartName},
