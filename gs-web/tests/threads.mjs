@@ -61,15 +61,17 @@ const all = {
     assert.ok(scenes[0].equals(scenes[1]));
   },
 
-  async "with threads, a further fit takes no more memory"() {
+  async "with threads, further fits take no more memory"() {
     const { page } = await opened(address("cpu", 2));
     const memory = [];
-    for (let k = 0; k < 3; k++) {
+    for (let k = 0; k < 8; k++) {
       await fitted(page, { ...FIT, preset: "quick" });
       memory.push(await ask(page, "memory"));
     }
     report("MiB after each fit", JSON.stringify(memory.map((bytes) => bytes / 2 ** 20)));
-    assert.ok(memory[2] <= memory[1], `${memory}`);
+    // Threads take memory in another order each time, which may leave gaps once. What leaks grows with each fit.
+    const larger = memory.slice(2).filter((bytes, k) => bytes > memory[k + 1]);
+    assert.ok(larger.length <= 1, `${memory}`);
     await page.close();
   },
 
