@@ -33,8 +33,11 @@ pub fn resize<T: Clone>(list: &mut Vec<T>, len: usize, value: T, what: &'static 
     Ok(())
 }
 
-/// Makes room for `len` elements in all.
-fn reserve<T>(list: &mut Vec<T>, len: usize, what: &'static str) -> Result<(), Error> {
+/// Makes room for `len` elements of a list in all; `what` names them in the error.
+///
+/// # Errors
+/// [`Error::Memory`] where the system refuses; the list is then as before.
+pub fn reserve<T>(list: &mut Vec<T>, len: usize, what: &'static str) -> Result<(), Error> {
     let more = len.saturating_sub(list.len());
     let bytes = (len as u64).saturating_mul(size_of::<T>() as u64);
     list.try_reserve(more).map_err(|_| Error::Memory { what, bytes })

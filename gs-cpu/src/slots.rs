@@ -21,10 +21,7 @@ impl Slots {
     /// # Errors
     /// [`Error::Memory`].
     pub(crate) fn fit(&mut self, len: usize) -> Result<(), Error> {
-        if len > self.0.capacity() {
-            self.0 = Vec::new();
-            self.0 = memory::reserved(len + len / 8, "the gradients of all pairs of a Gaussian and a tile")?;
-        }
+        memory::reserve(&mut self.0, len, "the gradients of all pairs of a Gaussian and a tile")?;
         self.0.resize_with(len, AtomicU32::default);
         Ok(())
     }
