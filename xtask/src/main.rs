@@ -43,9 +43,11 @@ Options:
 cargo xtask poses shows the COLMAP that gs poses would run.
 
 Options:
-  --test     find the poses of photographs of the test data with it, compare them with the given ones,
-             and train briefly, which takes minutes
-  --install  install Debian's colmap; without it and without that, nothing is checked
+  --test     find the poses of photographs with it: of a room that is made up, with PyCOLMAP too,
+             and of the test data where they are; compare them with the known ones, and train
+             briefly. This takes minutes
+  --install  install Debian's colmap, and PyCOLMAP from PyPI in an environment of its own; without
+             colmap, nothing is checked
 
 cargo xtask python builds the Python module as a wheel into target/wheels, with maturin from PyPI in
 an environment of its own. Without Python 3.9 or later it says so and builds nothing.

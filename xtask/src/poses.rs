@@ -1,13 +1,19 @@
 //! `cargo xtask poses`: finds the poses of real photographs with COLMAP.
 
-use std::process::Command;
+use std::{path::PathBuf, process::Command};
 
-use crate::system::{Options, cargo, install_packages};
+use crate::{
+    python,
+    system::{Options, cargo_program, install_packages, step, target, workspace},
+};
 
 /// The test that runs COLMAP, and the one of how it compares.
-const TESTS: &str = "poses_real::";
+const TESTS: &str = "poses_found::";
 
-/// Installs COLMAP, shows its version, and runs the tests, as far as that is asked for.
+/// The oldest PyCOLMAP that gs-poses runs, from PyPI.
+const PYCOLMAP: &str = "pycolmap>=4.1.1";
+
+/// Installs COLMAP and PyCOLMAP, shows the version, and runs the tests, as far as that is asked for.
 pub(crate) fn run(options: Options) -> Result<(), String> {
     if options.install && version().is_none() {
         install_packages(&["colmap"])?;
@@ -20,8 +26,27 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     if !options.test {
         return Ok(());
     }
-    let test = ["test", "--release", "--package", "gs-cli", "--test", "program", TESTS];
-    cargo(&[&test[..], &["--", "--include-ignored", "--nocapture"]].concat())
+    let mut test = Command::new(cargo_program());
+    test.args(["test", "--release", "--package", "gs-cli", "--test", "program", TESTS]);
+    test.args(["--", "--include-ignored", "--nocapture"]).current_dir(workspace());
+    match pycolmap(options.install) {
+        Ok(python) => _ = test.env("GS_PYTHON", python),
+        Err(error) => eprintln!("skipped: there is no PyCOLMAP ({error})"),
+    }
+    step(&mut test)
+}
+
+/// The Python of an environment with PyCOLMAP, which is made if that is asked for.
+fn pycolmap(install: bool) -> Result<PathBuf, String> {
+    let environment = target().join("pycolmap");
+    let python = environment.join("bin/python");
+    if install {
+        let system = python::with_environments(9, true)?.ok_or("no Python 3.9 or later with the module venv")?;
+        step(Command::new(system).args(["-m", "venv"]).arg(&environment))?;
+        let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "2", PYCOLMAP];
+        step(Command::new(&python).args(pip))?;
+    }
+    if python.exists() { Ok(python) } else { Err("--install makes it".to_owned()) }
 }
 
 /// The first line of COLMAP's help; `None` without COLMAP.

@@ -1,4 +1,4 @@
-//! Poses that COLMAP finds in real photographs, against the given ones.
+//! Poses that COLMAP finds in photographs, made up and real, against the given ones.
 
 use std::{
     collections::BTreeMap,
@@ -9,11 +9,12 @@ use std::{
 
 use glam::{DMat3, DQuat, DVec3};
 use gs_conformance::data;
-use gs_core::math::similarity::Similarity;
+use gs_core::{Camera, math::similarity::Similarity};
 use gs_io::dataset::{DatasetSettings, read_dataset};
 
 use crate::{
-    process::{folder, gs},
+    made_photographs,
+    process::{Run, command, folder, gs},
     train::text,
 };
 
@@ -22,51 +23,66 @@ type Pose = (DQuat, DVec3);
 
 #[test]
 #[ignore = "runs COLMAP for minutes; `cargo xtask poses --test` runs it"]
-fn poses_of_real_photographs_are_found_again() {
+fn poses_of_photographs_are_found_again() {
     if Command::new("colmap").arg("help").stdout(Stdio::null()).stderr(Stdio::null()).status().is_err() {
         return eprintln!("skipped: COLMAP is not installed");
+    }
+    let place = folder();
+    let cameras = made_photographs::cameras(14, [640, 480]);
+    made_photographs::write(&cameras, place.path());
+    let exact = (0..).zip(&cameras).map(|(i, camera)| (format!("{i:02}.png"), pose_of(camera))).collect();
+    found_again("made up", &mut command(), place.path(), &exact, [0.15, 0.005]);
+    match std::env::var_os("GS_PYTHON") {
+        Some(_) => found_again("made up, by PyCOLMAP", command().env("PATH", ""), place.path(), &exact, [0.15, 0.005]),
+        None => eprintln!("skipped: GS_PYTHON names no Python with PyCOLMAP"),
     }
     // Of the room, photographs that show one part of it. They are 375 pixels wide, and its given model was found from
     // ten times as many of twice the size.
     let parts = [("banana", "", 14, [0.3, 0.01]), ("room", "5_1_", 12, [2.5, 0.12])];
     for (name, prefix, count, limits) in parts {
         let Some(given) = data::find(name) else { return };
-        let place = folder();
-        let [photos, found] = ["photos", "found"].map(|name| place.path().join(name));
-        fs::create_dir(&photos).unwrap();
+        let photos = folder();
         let images = gs_io::image_files(given.join("images_2")).unwrap();
         let names = images.iter().map(|image| image.file_name().unwrap().to_str().unwrap());
         for name in names.filter(|name| name.starts_with(prefix)).take(count) {
-            fs::copy(given.join("images_2").join(name), photos.join(name)).unwrap();
+            fs::copy(given.join("images_2").join(name), photos.path().join(name)).unwrap();
         }
-        let verdict = gs(["poses", text(&photos), "-o", text(&found), "--json"]).json();
-        eprintln!("{name}: {verdict}");
-        let (given, made) = (poses(&given), poses(&found));
-        assert!(made.len() * 100 >= count * 95, "{name}: {verdict}");
-        let (degrees, distance) = differences(&given, &made);
-        eprintln!(
-            "{name}: median rotation {degrees:.3} degrees, position {:.3} % of the cameras' spread",
-            distance * 100.0
-        );
-        assert!(degrees < limits[0] && distance < limits[1], "{name}: {degrees} degrees, {distance}");
-        let output = place.path().join("out");
-        let words =
-            ["train", text(&found), "-o", text(&output), "-i", "300", "--max-size", "200", "--no-report", "--json"];
-        let summary = gs(words.into_iter().chain(["--backend", "cpu"])).json();
-        let psnr = summary["evaluation"]["psnr"].as_f64().unwrap();
-        eprintln!("{name}: PSNR {psnr:.2} dB over held-out views after 300 steps");
-        assert!(psnr > 15.0, "{name}: {psnr}");
+        found_again(name, &mut command(), photos.path(), &poses(&given), limits);
     }
+}
+
+/// Finds the poses of the photographs in a folder with this program, and trains a scene with them. In the median, they may
+/// differ from the given ones by so many degrees and this share of the spread.
+fn found_again(name: &str, program: &mut Command, photos: &Path, given: &BTreeMap<String, Pose>, limits: [f64; 2]) {
+    let place = folder();
+    let [found, output] = ["found", "out"].map(|name| place.path().join(name));
+    let verdict = Run::of(program.args(["poses", text(photos), "-o", text(&found), "--json"])).json();
+    eprintln!("{name}: {verdict}");
+    let made = poses(&found);
+    let count = fs::read_dir(photos).unwrap().count();
+    assert!(made.len() * 100 >= count * 95, "{name}: {verdict}");
+    let (degrees, distance) = differences(given, &made);
+    eprintln!(
+        "{name}: median rotation {degrees:.3} degrees, position {:.3} % of the cameras' spread",
+        distance * 100.0
+    );
+    assert!(degrees < limits[0] && distance < limits[1], "{name}: {degrees} degrees, {distance}");
+    let words = ["train", text(&found), "-o", text(&output), "-i", "300", "--max-size", "200", "--no-report", "--json"];
+    let summary = gs(words.into_iter().chain(["--backend", "cpu"])).json();
+    let psnr = summary["evaluation"]["psnr"].as_f64().unwrap();
+    eprintln!("{name}: PSNR {psnr:.2} dB over held-out views after 300 steps");
+    assert!(psnr > 15.0, "{name}: {psnr}");
 }
 
 /// The poses of a data set by the names of its images.
 fn poses(path: &Path) -> BTreeMap<String, Pose> {
     let dataset = read_dataset(path, &DatasetSettings::default()).unwrap();
-    let views = dataset.views.iter().map(|view| {
-        let to_world = DQuat::from_mat3(&view.camera.rotation.as_dmat3()).inverse();
-        (view.name.clone(), (to_world, to_world * -view.camera.translation.as_dvec3()))
-    });
-    views.collect()
+    dataset.views.iter().map(|view| (view.name.clone(), pose_of(&view.camera))).collect()
+}
+
+fn pose_of(camera: &Camera) -> Pose {
+    let to_world = DQuat::from_mat3(&camera.rotation.as_dmat3()).inverse();
+    (to_world, to_world * -camera.translation.as_dvec3())
 }
 
 /// Median differences of the cameras that both have, after a similarity: of rotation, degrees, and of position, as a
