@@ -1,5 +1,7 @@
 //! Camera poses that are refined while a scene is trained.
 
+use gs_io::dataset::{Dataset, DatasetSettings, read_dataset};
+
 use crate::{
     process::{folder, gs},
     train::{dataset_and_scene, text},
@@ -29,6 +31,15 @@ fn refined_cameras_are_a_data_set_of_their_own() {
     let words = ["train", text(&refined), "--allow-outside", "-o", text(&again), "--backend", "cpu", "-i", "20"];
     let summary = gs(words.into_iter().chain(["-n", "300", "--no-report", "--json"])).json();
     assert_eq!((&summary["train_views"], &summary["test_views"]), (&7.into(), &1.into()), "{summary}");
+    let read = |name: &str, images: Option<String>| {
+        let settings = DatasetSettings::default().with(|s| (s.image_folder, s.allow_outside) = (images, true));
+        read_dataset(refined.join(name), &settings).unwrap()
+    };
+    let images = dataset.display().to_string();
+    let (transforms, colmap) = (read("", None), read("colmap-model", Some(images)));
+    let cameras = |dataset: &Dataset| dataset.views.iter().map(|view| view.camera.position()).collect::<Vec<_>>();
+    let (transforms, colmap) = (cameras(&transforms), cameras(&colmap));
+    assert!(colmap.len() == 8 && transforms.iter().zip(colmap).all(|(a, b)| a.distance(b) < 1e-5));
     let compared = gs(["eval", text(&scene), text(&dataset), "--refine-poses", "--json", "--backend", "cpu"]).json();
     assert!(compared["pose-matched"]["psnr"].as_f64().unwrap() > 20.0, "{compared}");
     let image = place.path().join("image.png");

@@ -35,7 +35,8 @@ DIR then holds:
   views/           each held-out view: the image, and its rendering to the right
   ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
 ellipses
-  refined/         with refined poses, the data set with them: transforms.json, and its points
+  refined/         with refined poses, the data set with them: transforms.json and its points, and as \
+a text model of COLMAP
   evaluation.json  PSNR, SSIM, MS-SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over at most \
 8 of the held-out views; metrics.part.csv until the end

@@ -203,6 +203,9 @@ fn poses_line(report: &PosesReport, matched: Option<PoseMatched>) -> String {
 /// The folder of the data set with refined cameras among the results.
 const CAMERAS: &str = "refined";
 
+/// The folder for them as COLMAP's text model.
+const COLMAP: &str = "refined/colmap-model";
+
 /// Where results go, and what else they contain.
 pub(super) struct Results<'a> {
     pub(super) run: &'a Run,
@@ -348,7 +351,7 @@ impl Results<'_> {
         let [file, points] = ["transforms.json", "points.ply"].map(|name| format!("{CAMERAS}/{name}"));
         folder.leave_out(folder.claimed(&format!("{CAMERAS}/")))?;
         // Fails if there are other files, which is intended.
-        let _ = std::fs::remove_dir(folder.path().join(CAMERAS));
+        let _ = [COLMAP, CAMERAS].map(|name| std::fs::remove_dir(folder.path().join(name)));
         if !trainer.poses().is_some_and(|poses| poses.used) {
             return Ok(());
         }
@@ -358,15 +361,19 @@ impl Results<'_> {
         let refined: HashMap<&str, &Camera> = refined.collect();
         let has_points = !dataset.points.is_empty();
         let camera = |view: &View| refined.get(&*view.name).map_or(view.camera, |camera| **camera);
-        let Some(text) = dataset.transforms_json(camera, has_points.then_some("points.ply")) else {
-            output::note(
-                "note: the refined cameras were not written, because transforms.json has no form for their lens",
-            );
+        let transforms = dataset.transforms_json(camera, has_points.then_some("points.ply"));
+        let transforms = transforms.map(|text| (file, text.into_bytes()));
+        let points = (has_points && transforms.is_some()).then(|| (points, dataset.points_ply().into_bytes()));
+        let model = dataset.colmap_text(camera);
+        let made = if model.is_some() { COLMAP } else { CAMERAS };
+        let model = model.into_iter().flatten().map(|(name, text)| (format!("{COLMAP}/{name}"), text.into_bytes()));
+        let files: Vec<_> = transforms.into_iter().chain(points).chain(model).collect();
+        if files.is_empty() {
+            output::note("note: the refined cameras were not written, because no format has a form for their lens");
             return Ok(());
-        };
-        folder.make(CAMERAS)?;
-        let points = has_points.then(|| (points, dataset.points_ply().into_bytes()));
-        folder.write_all(std::iter::once((file, text.into_bytes())).chain(points).collect())
+        }
+        folder.make(made)?;
+        folder.write_all(files)
     }
 
     fn write_curve(&self, count: u32, points: &[CurvePoint], log: &MetricsLog) -> Result<(), Failure> {

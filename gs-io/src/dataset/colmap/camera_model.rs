@@ -124,6 +124,34 @@ impl CameraModel {
             _ => return None,
         })
     }
+
+    /// The model of a distortion, with two focal lengths, and its parameters after the principal point; `None` where
+    /// there is none.
+    pub(super) fn of(distortion: &Distortion) -> Option<(Self, Vec<f64>)> {
+        Some(match *distortion {
+            Distortion::None => (M::Pinhole, vec![]),
+            Distortion::BrownConrady(BrownConrady { radial, divisor, tangential, skew: 0.0 }) => {
+                let ([k1, k2, k3, 0.0], [m1, m2, m3], [p1, p2]) = (radial, divisor, tangential) else { return None };
+                match [k3, m1, m2, m3] {
+                    [0.0, 0.0, 0.0, 0.0] => (M::OpenCv, vec![k1, k2, p1, p2]),
+                    _ => (M::FullOpenCv, vec![k1, k2, p1, p2, k3, m1, m2, m3]),
+                }
+            }
+            Distortion::FieldOfView { omega } => (M::Fov, vec![omega]),
+            Distortion::Division { k } => (M::Division, vec![k]),
+            Distortion::EnhancedUnified { alpha, beta } => (M::Eucm, vec![alpha, beta]),
+            Distortion::Fisheye(Fisheye { radial, tangential: [0.0, 0.0], prism: [0.0, 0.0] }) => {
+                (M::OpenCvFisheye, radial.to_vec())
+            }
+            Distortion::Fisheye(Fisheye { radial: [k1, k2, k3, k4], tangential: [p1, p2], prism: [s1, s2] }) => {
+                (M::ThinPrismFisheye, vec![k1, k2, p1, p2, k3, k4, s1, s2])
+            }
+            Distortion::AriaFisheye(AriaFisheye { radial, tangential: [p1, p0], prism }) => {
+                (M::RadTanThinPrismFisheye, [&radial[..], &[p0, p1], &prism].concat())
+            }
+            Distortion::BrownConrady(_) | Distortion::Equirectangular { .. } => return None,
+        })
+    }
 }
 
 /// The error for a camera model that COLMAP does not have.
@@ -145,6 +173,15 @@ mod tests {
             let parameters = vec![0.5; model.parameter_names().len()];
             assert!(model.intrinsics(&parameters, dvec2(20.0, 10.0)).is_ok(), "{model:?}");
             assert_eq!(model.intrinsics(&parameters[1..], DVec2::ONE), Err(Skip::BadCamera), "{model:?}");
+            // Different numbers, so that none takes the place of another.
+            let coefficients: Vec<f64> = (1..=parameters.len()).map(|k| 0.01 * k as f64).collect();
+            let skipped =
+                parameters.iter().zip(model.parameter_names()).filter(|(_, name)| name.starts_with(['f', 'c']));
+            let given = model.distortion(&coefficients[..parameters.len() - skipped.count()]);
+            match given.as_ref().and_then(CameraModel::of) {
+                Some((written, values)) => assert_eq!(written.distortion(&values), given, "{model:?}"),
+                None => assert_eq!(model, M::Equirectangular),
+            }
         }
         assert_eq!(CameraModel::from_id(18), None);
         assert_eq!(CameraModel::from_name("opencv"), None);

@@ -14,6 +14,7 @@ mod folders;
 mod model;
 mod records;
 mod text;
+mod write;
 
 use std::path::{Path, PathBuf};
 

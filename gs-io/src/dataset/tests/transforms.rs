@@ -251,19 +251,28 @@ fn a_data_set_is_written_with_other_cameras_and_read_again() {
     fs::create_dir(&refined).unwrap();
     fs::write(refined.join("transforms.json"), dataset.transforms_json(moved, Some("points.ply")).unwrap()).unwrap();
     fs::write(refined.join("points.ply"), dataset.points_ply()).unwrap();
-    let again = read_dataset(&refined, &DatasetSettings::default().with(|s| s.allow_outside = true)).unwrap();
-    assert_eq!((again.views.len(), again.points.len()), (dataset.views.len(), dataset.points.len()));
-    assert!(again.views.iter().any(|view| view.split == crate::dataset::Split::Test));
-    for (view, of_file) in dataset.views.iter().zip(&again.views) {
-        let (camera, found) = (moved(view), of_file.camera);
-        assert_eq!((view.split, &view.image), (of_file.split, &of_file.image));
-        assert_eq!((camera.focal, camera.center, camera.width), (found.focal, found.center, found.width));
-        assert!(camera.rotation.abs_diff_eq(found.rotation, 1e-6), "{camera:?} {found:?}");
-        assert!(camera.translation.abs_diff_eq(found.translation, 1e-5), "{camera:?} {found:?}");
+    let transforms = read_dataset(&refined, &DatasetSettings::default().with(|s| s.allow_outside = true)).unwrap();
+    assert!(transforms.views.iter().any(|view| view.split == crate::dataset::Split::Test));
+    let model = place.path().join("model");
+    fs::create_dir(&model).unwrap();
+    for (name, text) in dataset.colmap_text(moved).unwrap() {
+        fs::write(model.join(name), text).unwrap();
     }
-    for (point, found) in dataset.points.iter().zip(&again.points) {
-        assert!(point.position.abs_diff_eq(found.position, 1e-6), "{point:?} {found:?}");
-        assert!(point.color.iter().zip(found.color).all(|(a, b)| (a - b).abs() < 1e-6), "{point:?} {found:?}");
+    let images = dataset.views[0].image.parent().map(|folder| folder.display().to_string());
+    let colmap = read_dataset(&model, &DatasetSettings::default().with(|s| s.image_folder = images)).unwrap();
+    for again in [transforms, colmap] {
+        assert_eq!((again.views.len(), again.points.len()), (dataset.views.len(), dataset.points.len()));
+        for (view, of_file) in dataset.views.iter().zip(&again.views) {
+            let (camera, found) = (moved(view), of_file.camera);
+            assert_eq!((view.split, &view.image), (of_file.split, &of_file.image));
+            assert_eq!((camera.focal, camera.center, camera.width), (found.focal, found.center, found.width));
+            assert!(camera.rotation.abs_diff_eq(found.rotation, 1e-6), "{camera:?} {found:?}");
+            assert!(camera.translation.abs_diff_eq(found.translation, 1e-5), "{camera:?} {found:?}");
+        }
+        for (point, found) in dataset.points.iter().zip(&again.points) {
+            assert!(point.position.abs_diff_eq(found.position, 1e-6), "{point:?} {found:?}");
+            assert!(point.color.iter().zip(found.color).all(|(a, b)| (a - b).abs() < 1e-6), "{point:?} {found:?}");
+        }
     }
 }
 
