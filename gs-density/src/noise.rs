@@ -48,7 +48,8 @@ impl Noise {
     /// The noise after step `step`, counted from 1, of a run with this seed. `rate` is the learning
     /// rate of means relative to its first value; `extent` is the size of the scene.
     pub fn of_step<S: DensityScene>(&self, extent: f32, rate: f32, seed: u32, step: u32) -> MeanNoise {
-        MeanNoise { scale: S::noise_factor(self.strength * rate * (self.every as f32).sqrt(), extent), seed, step }
+        let scale = S::noise_factor(self.strength * rate * (self.every as f32).sqrt(), extent);
+        MeanNoise { scale, seed, step, fixed: 0 }
     }
 
     /// Checks the ranges of all settings.
@@ -72,9 +73,9 @@ mod tests {
     #[test]
     fn strength_is_by_the_extent_and_several_steps_come_at_once() {
         let noise = Noise { strength: 50.0, every: 4 };
-        let expected = MeanNoise { scale: 50.0 * 0.5 * 2.0 / 200.0, seed: 3, step: 8 };
+        let expected = MeanNoise { scale: 50.0 * 0.5 * 2.0 / 200.0, seed: 3, step: 8, fixed: 0 };
         assert_eq!(noise.of_step::<Scene2d>(200.0, 0.5, 3, 8), expected);
-        let expected = MeanNoise { scale: 50.0 * 0.5 * 2.0 * 4.0, seed: 3, step: 8 };
+        let expected = MeanNoise { scale: 50.0 * 0.5 * 2.0 * 4.0, seed: 3, step: 8, fixed: 0 };
         assert_eq!(noise.of_step::<Scene3d>(4.0, 0.5, 3, 8), expected);
     }
 

@@ -9,12 +9,14 @@
 //! - [`Results`] makes tables with intervals and judges the claims of the study, [`report`] makes a
 //!   page. Programs read the numbers from the files of [`report::write`]: `results.json` has those
 //!   of the runs and their comparisons, and each table is a CSV file.
+//! - [`blocks`] trains a large scene in parts that are jobs, too.
 //! - [`price`] measures what approximations cost, and [`experiments`] names the studies of the paper
 //!   and makes their page.
 //!
 //! Each module uses only those before it in this list: [`study`], [`run`], `result`, [`report`],
-//! [`price`], [`experiments`].
+//! [`price`], [`experiments`]. [`blocks`] uses [`study`] and [`run`] only.
 
+pub mod blocks;
 mod error;
 pub mod experiments;
 mod median;

@@ -94,6 +94,17 @@ pub enum Error {
         /// Size and fingerprint of the image given.
         found: String,
     },
+    /// The views are not those that blocks were planned with.
+    #[error(
+        "the data set has {found} views and is not the one of {expected} that the blocks were planned with: give the same data set, \
+         --holdout, --images, --alpha and --max-size"
+    )]
+    OtherViews {
+        /// Number of views of the plan.
+        expected: usize,
+        /// Number of views of the data set.
+        found: usize,
+    },
     /// Images have been replaced or changed since a checkpoint was made.
     #[error(
         "{} changed since the checkpoint was made (first: {first}): restore them, or begin again without the checkpoint",

@@ -12,6 +12,8 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 #[cfg(feature = "edit")]
+pub mod blocks;
+#[cfg(feature = "edit")]
 pub mod edit;
 mod encode;
 mod error;

@@ -75,7 +75,7 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         s = statistics[source.statistics];
     }
     // An opacity reset. Without one, the ceiling is an infinite logit.
-    if step.collect == 1u {
+    if step.collect == 1u && slot >= step.fixed {
         if !(g.opacity_logit <= step.alpha_max) {
             g.opacity_logit = step.alpha_max;
         }

@@ -10,6 +10,7 @@ struct Noise {
     seed: u32,
     step: u32,
     gaussians: u32,
+    fixed: u32,
 }
 
 @group(0) @binding(1) var<uniform> noise: Noise;

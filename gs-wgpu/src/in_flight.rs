@@ -321,14 +321,15 @@ impl<S: Kind> InFlight<S> {
         &mut self,
         gpu: &Gpu,
         splats: &Splats<S>,
-        &MeanNoise { scale, seed, step }: &MeanNoise,
+        &MeanNoise { scale, seed, step, fixed }: &MeanNoise,
         indirect: Option<&wgpu::Buffer>,
     ) -> Result<(), Error> {
         let uniform = match self.noise.take() {
             Some(uniform) => uniform,
             None => gpu.allocate("noise", size_of::<Noise>() as u64, UNIFORM)?,
         };
-        gpu.write(&uniform, bytemuck::bytes_of(&Noise { scale, seed, step, gaussians: splats.len as u32 }));
+        let gaussians = splats.len as u32;
+        gpu.write(&uniform, bytemuck::bytes_of(&Noise { scale, seed, step, gaussians, fixed }));
         let groups = match indirect {
             Some(sizes) => Groups::Indirect(sizes, BY_GAUSSIAN),
             None => groups_of(gpu, splats.len as u64, 64),

@@ -226,7 +226,8 @@ pub struct Step {
     /// The share of 3D Gaussians that is left out, times 2²⁴, and the seed that selects them.
     pub(crate) dropout_threshold: u32,
     pub(crate) dropout_seed: u32,
-    pub(crate) unused: u32,
+    /// The first Gaussians, which do not change.
+    pub(crate) fixed: u32,
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -242,6 +243,8 @@ pub(crate) struct Noise {
     pub(crate) seed: u32,
     pub(crate) step: u32,
     pub(crate) gaussians: u32,
+    /// The first Gaussians, which do not move.
+    pub(crate) fixed: u32,
 }
 
 /// The uniform of `show.wgsl`.
@@ -357,14 +360,14 @@ mod tests {
                 added_weight,
                 dropout_threshold,
                 dropout_seed,
-                unused,
+                fixed,
                 rates,
                 decays,
             }
         );
         same_layout!(
             &module(&shader("scene2d/noise").text(Variant::default())),
-            Noise { scale, seed, step, gaussians }
+            Noise { scale, seed, step, gaussians, fixed }
         );
         same_layout!(&module(include_str!("../shaders/show.wgsl")), Shown { width, encodes, unused });
         assert_eq!(u64::from(in_shader(m, "Splat").1), SPLAT_BYTES);

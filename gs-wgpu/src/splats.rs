@@ -98,6 +98,7 @@ impl<S: Kind> Splats<S> {
             coefficients: self.state.coefficients() as u32,
             collect: u32::from(ceiling.is_some()),
             alpha_max: ceiling.map_or(f32::INFINITY, logit),
+            fixed: plan.fixed,
             ..Step::default()
         };
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;

@@ -273,6 +273,7 @@ impl Tiles {
         if let Some(r) = rates {
             (step.epsilon, step.min_scale, step.max_scale) = (r.epsilon, r.min_scale, r.max_scale);
             step.visible_only = u32::from(r.participants == Participants::Visible);
+            step.fixed = r.fixed;
             let groups = [r.mean, r.scale, r.rotation, r.opacity, r.color, r.color_rest];
             step.rates = groups.map(|g: Rate| [g.learning_rate, g.beta1, g.beta2, 1.0 - g.beta1]);
             step.decays = groups.map(|g: Rate| {

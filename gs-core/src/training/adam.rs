@@ -254,6 +254,9 @@ pub struct AdamRates {
     pub participants: Participants,
     /// Regularisation added to the loss.
     pub penalty: Penalty,
+    /// Number of Gaussians, the first of the scene, that no step moves: their parameters, moments, step
+    /// counts and statistics stay as they are. They are drawn as all others.
+    pub fixed: u32,
 }
 
 impl AdamRates {
@@ -322,7 +325,7 @@ impl Adam {
         self.at(0.0).validate()
     }
 
-    /// The settings at `progress` in 0..=1 of the run.
+    /// The settings at `progress` in 0..=1 of the run, with no Gaussian fixed.
     pub fn at(&self, progress: f32) -> AdamRates {
         let rate = |g: &Group| Rate {
             learning_rate: g.learning_rate * g.schedule.factor(progress),
@@ -342,6 +345,7 @@ impl Adam {
             max_scale: self.max_scale,
             participants: self.participants,
             penalty: self.penalty,
+            fixed: 0,
         }
     }
 }

@@ -148,6 +148,9 @@ pub struct EditPlan<G> {
     pub opacity_ceiling: Option<f32>,
     /// What the edit does with the statistics.
     pub statistics: AfterEdit,
+    /// Number of Gaussians, the first of the scene, that the edit leaves as they are. Added ones stand behind
+    /// them.
+    pub fixed: u32,
 }
 
 impl<G> Default for EditPlan<G> {
@@ -158,6 +161,7 @@ impl<G> Default for EditPlan<G> {
             added: Vec::new(),
             opacity_ceiling: None,
             statistics: AfterEdit::Restart,
+            fixed: 0,
         }
     }
 }
@@ -226,6 +230,17 @@ impl<G> EditPlan<G> {
         self.removed.is_empty() && self.changed.is_empty() && self.added.is_empty() && self.opacity_ceiling.is_none()
     }
 
+    /// Returns this plan of a scene's last Gaussians as one of the whole scene, whose first `fixed` it leaves as
+    /// they are.
+    #[must_use]
+    pub fn behind(mut self, fixed: u32) -> Self {
+        self.removed.iter_mut().for_each(|removal| removal.index += fixed);
+        self.changed.iter_mut().for_each(|change| change.index += fixed);
+        self.added.iter_mut().filter_map(|birth| birth.parent.as_mut()).for_each(|parent| *parent += fixed);
+        self.fixed += fixed;
+        self
+    }
+
     /// Number of Gaussians after the edit, from their number before.
     pub fn len_after(&self, len: usize) -> usize {
         len - self.removed.len() + self.added.len()
@@ -257,10 +272,16 @@ impl<G> EditPlan<G> {
     /// Every array of splats (parameters, moments, statistics) is rebuilt by it.
     ///
     /// # Errors
-    /// [`Error::Plan`] where an index is out of range or occurs twice among `removed` and
-    /// `changed`.
+    /// [`Error::Plan`] where an index is out of range, of a fixed Gaussian, or occurs twice among `removed`
+    /// and `changed`.
     pub fn sources(&self, len: usize) -> Result<Vec<Source>, Error> {
         let mut slots: Vec<Option<Source>> = (0..len as u32).map(|i| Some(Source::Kept(i))).collect();
+        let changed = self.changed.iter().map(|change| change.index);
+        let parents = self.added.iter().filter_map(|birth| birth.parent);
+        let edited = changed.chain(self.removed.iter().map(|removal| removal.index)).chain(parents);
+        if let Some(index) = edited.filter(|&index| index < self.fixed).min() {
+            return Err(Error::Plan(format!("Gaussian {index} is fixed, as the first {} are", self.fixed)));
+        }
         for (change, c) in self.changed.iter().enumerate() {
             let slot = slot_of(&mut slots, c.index)?;
             if *slot != Some(Source::Kept(c.index)) {
@@ -295,8 +316,9 @@ impl<G> EditPlan<G> {
             .collect();
         behind.sort_unstable();
         let mut behind = behind.into_iter().peekable();
-        let mut sources: Vec<Source> = all_at(Place::First).collect();
-        for (index, slot) in slots.into_iter().enumerate() {
+        let (fixed, others) = slots.split_at((self.fixed as usize).min(slots.len()));
+        let mut sources: Vec<Source> = fixed.iter().copied().flatten().chain(all_at(Place::First)).collect();
+        for (index, slot) in (fixed.len()..).zip(others) {
             sources.extend(slot);
             while let Some((_, k)) = behind.next_if(|&(parent, _)| parent as usize == index) {
                 sources.push(Source::Added(k));
@@ -386,6 +408,7 @@ mod tests {
             added: vec![birth('x', Some(1), Moments::Inherit), birth('y', None, Moments::Inherit)],
             opacity_ceiling: None,
             statistics: AfterEdit::Keep,
+            fixed: 0,
         };
         let sources = plan.sources(4).unwrap();
         assert_eq!(plan.gather(&sources, &['a', 'b', 'c', 'd'], |&g| g), ['a', 'C', 'd', 'x', 'y']);
@@ -412,6 +435,21 @@ mod tests {
         let sources = plan.sources(3).unwrap();
         let after = plan.gather(&sources, &['0', '1', '2'], |&g| g);
         assert_eq!(after, ['f', '0', 'a', 'b', '2', 'y', 'z']);
+    }
+
+    #[test]
+    fn fixed_gaussians_stay_in_front() {
+        let mut added = vec![birth('x', Some(1), Moments::Fresh), birth('f', None, Moments::Fresh)];
+        (added[0].place, added[1].place) = (Place::BehindParent, Place::First);
+        let removed = vec![Removal { index: 0, cause: PruneCause::Transparent }];
+        let plan = EditPlan { removed, added, ..Default::default() }.behind(2);
+        let after = plan.gather(&plan.sources(4).unwrap(), &['0', '1', 'a', 'b'], |&g| g);
+        assert_eq!(after, ['0', '1', 'f', 'b', 'x']);
+        for (index, parent) in [(1, 3), (2, 1)] {
+            let mut wrong = plan.clone();
+            (wrong.removed[0].index, wrong.added[0].parent) = (index, Some(parent));
+            assert!(matches!(wrong.sources(4), Err(Error::Plan(_))), "{index} {parent}");
+        }
     }
 
     #[test]

@@ -27,6 +27,8 @@ pub struct MeanNoise {
     pub seed: u32,
     /// Step, which selects the random numbers of the seed.
     pub step: u32,
+    /// Number of Gaussians, the first of the scene, that do not move.
+    pub fixed: u32,
 }
 
 impl MeanNoise {
@@ -99,7 +101,8 @@ mod tests {
     #[test]
     fn normals_have_mean_0_and_variance_1_and_do_not_correlate() {
         let count = 100_000;
-        for noise in [MeanNoise { scale: 1.0, seed: 0, step: 0 }, MeanNoise { scale: 1.0, seed: 7, step: 30_000 }] {
+        let noise = |seed, step| MeanNoise { scale: 1.0, seed, step, fixed: 0 };
+        for noise in [noise(0, 0), noise(7, 30_000)] {
             let next = MeanNoise { step: noise.step + 1, ..noise };
             let (mut mean, mut second, mut with_next) = (Vec3::ZERO, Mat3::ZERO, Vec3::ZERO);
             for index in 0..count {
@@ -122,7 +125,7 @@ mod tests {
         let l = Mat2::from_cols(Vec2::new(3.4, 2.9), Vec2::new(-0.8, 0.9));
         // Half of the strength at the threshold's opacity; in units of the noise's own covariance,
         // whose root is Σ.
-        let noise = MeanNoise { scale: 0.25, seed: 3, step: 4 };
+        let noise = MeanNoise { scale: 0.25, seed: 3, step: 4, fixed: 0 };
         let whiten = (l * l.transpose() * 0.125).inverse();
         let mut second = Mat2::ZERO;
         for index in 0..count {
@@ -138,7 +141,7 @@ mod tests {
     fn in_3d_the_noise_has_all_three_axes() {
         let count = 20_000;
         let m = Mat3::from_cols(Vec3::new(0.4, 0.1, 0.0), Vec3::new(-0.3, 1.2, 0.2), Vec3::new(0.1, -0.5, 2.0));
-        let noise = MeanNoise { scale: 3.0, seed: 3, step: 4 };
+        let noise = MeanNoise { scale: 3.0, seed: 3, step: 4, fixed: 0 };
         let whiten = (m * m.transpose() * 1.5).inverse();
         let mut second = Mat3::ZERO;
         for index in 0..count {
@@ -150,7 +153,7 @@ mod tests {
 
     #[test]
     fn broken_gaussians_stay() {
-        let noise = MeanNoise { scale: 1.0, seed: 1, step: 1 };
+        let noise = MeanNoise { scale: 1.0, seed: 1, step: 1, fixed: 0 };
         assert_eq!(noise.shift_2d(0, Mat2::NAN, logit(0.001)), Vec2::ZERO);
         assert_eq!(noise.shift_3d(0, Mat3::IDENTITY, f32::NAN), Vec3::ZERO);
         noise.validate().unwrap();

@@ -162,7 +162,8 @@ fn step_all<'g, S: Simd>(
     let vanishing = f32x8::splat(simd, VANISHING_MOMENT);
     for (i, index) in indices.enumerate() {
         let gradient = gradient_of(index);
-        if !gradient.visible && step.rates.participants == Participants::Visible {
+        let out_of_step = !gradient.visible && step.rates.participants == Participants::Visible;
+        if out_of_step || index < step.rates.fixed as usize {
             continue;
         }
         let (by_mean, by_shape) = if local {

@@ -225,7 +225,8 @@ impl Splats<Scene2d> for Splats2d {
             visible: plan.gather_statistics(&sources, &statistics.visible),
         });
         if let Some(ceiling) = plan.opacity_ceiling {
-            for (value, moments) in self.opacity_logits.iter_mut().zip(&mut self.opacity_moments) {
+            let opacities = self.opacity_logits.iter_mut().zip(&mut self.opacity_moments);
+            for (value, moments) in opacities.skip(plan.fixed as usize) {
                 if !(sigmoid(*value) <= ceiling) {
                     *value = logit(ceiling);
                 }
@@ -237,7 +238,7 @@ impl Splats<Scene2d> for Splats2d {
 
     fn add_noise(&mut self, noise: &MeanNoise) {
         let mut means = std::mem::take(&mut self.means);
-        (means.par_iter_mut().zip(&self.opacity_logits).enumerate())
+        (means.par_iter_mut().zip(&self.opacity_logits).enumerate().skip(noise.fixed as usize))
             .for_each(|(i, (mean, &logit))| *mean += noise.shift_2d(i as u32, self.factor(i), logit));
         self.means = means;
     }

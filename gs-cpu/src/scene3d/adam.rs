@@ -280,7 +280,9 @@ fn step_along(
     let pitch = splats.pitch();
     let width = workspace.buffers.gradient_pitch().min(pitch);
     let step = Step { pitch, width, groups, rates, bias: table, log_scales, penalty };
-    Rows::of(splats).for_each_chunk(0, pitch, &|first, mut rows: Rows<'_>| {
+    let fixed = (rates.fixed as usize).min(splats.steps.len());
+    let (_, moving) = Rows::of(splats).split(fixed, pitch);
+    moving.for_each_chunk(fixed, pitch, &|first, mut rows: Rows<'_>| {
         let mut block = Block::EMPTY;
         let mut from = 0;
         while from < rows.steps.len() {

@@ -262,7 +262,7 @@ impl Splats<Scene3d> for Splats3d {
             visible: plan.gather_statistics(&sources, &statistics.visible),
         });
         if let Some(ceiling) = plan.opacity_ceiling {
-            for row in self.parameters.chunks_exact_mut(pitch) {
+            for row in self.parameters.chunks_exact_mut(pitch).skip(plan.fixed as usize) {
                 if !(sigmoid(row[OPACITY]) <= ceiling) {
                     row[OPACITY] = logit(ceiling);
                 }
@@ -274,7 +274,8 @@ impl Splats<Scene3d> for Splats3d {
 
     fn add_noise(&mut self, noise: &MeanNoise) {
         let pitch = self.pitch();
-        self.parameters.par_chunks_exact_mut(pitch).enumerate().for_each(|(index, row)| {
+        let moving = self.parameters.par_chunks_exact_mut(pitch).enumerate().skip(noise.fixed as usize);
+        moving.for_each(|(index, row)| {
             let factor = ellipsoid(row).factor().unwrap_or(Mat3::ZERO);
             let shift = noise.shift_3d(index as u32, factor, row[OPACITY]);
             row[MEAN].iter_mut().zip(shift.to_array()).for_each(|(value, shift)| *value += shift);

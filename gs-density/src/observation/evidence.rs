@@ -132,6 +132,17 @@ impl Evidence {
         sums
     }
 
+    /// Removes the first `count` Gaussians from all arrays.
+    pub fn remove_first(&mut self, count: usize) {
+        self.splitting.drain(..count.min(self.splitting.len()));
+        for ViewEvidence { blended, covered, depth, radius_px, .. } in &mut self.views {
+            let sums = [blended, covered]
+                .into_iter()
+                .flat_map(|sums| [&mut sums.pixels, &mut sums.error, &mut sums.high_error]);
+            sums.chain([depth, radius_px]).for_each(|array| drop(array.drain(..count.min(array.len()))));
+        }
+    }
+
     /// Checks that the requested arrays describe `len` Gaussians.
     fn check_lengths(&self, len: usize, request: &EvidenceRequest) -> Result<(), Error> {
         if request.splitting && self.splitting.len() != len {

@@ -15,10 +15,10 @@ use gs_train::Error as TrainError;
 use super::{
     folder::StudyFolder,
     record::{Finished, Record, RunOutcome},
-    resumption::{Interruptions, RunCheckpoints},
+    resumption::{Interruptions, JobCheckpoints, remove_checkpoint},
     task::StudyBackend,
     train::{Replayed, train},
-    watcher::Watcher,
+    watcher::{OfRun, Watcher},
 };
 use crate::{
     error::Error,
@@ -111,8 +111,8 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
         if is_shown(plan, run) {
             pictures.iter().enumerate().try_for_each(|(index, picture)| folder.store_picture(run, index, picture))?;
         }
-        folder.store(plan, run, &record(plan, run, outcome.clone())?)?;
-        folder.remove_checkpoint(run);
+        folder.store_record(plan, run, &record(plan, run, outcome.clone())?)?;
+        remove_checkpoint(folder.store(), &run.address);
         claim.finish();
         watcher.ended(run, &outcome);
     }
@@ -168,10 +168,11 @@ fn attempt<R: StudyBackend>(
     at: &Place<'_>,
 ) -> Result<Option<(RunOutcome, Vec<Image>)>, Error> {
     let &Place { plan, side_by_side, watcher, .. } = at;
-    let checkpoints = RunCheckpoints::new(at.folder, run, at.settings.lease);
+    let checkpoints = JobCheckpoints::new(at.folder.store(), &run.address, at.settings.lease);
+    let conductor = OfRun { run, watcher };
     // A run that panicked shares no state with others: its trainer was dropped.
     let trained = catch_unwind(AssertUnwindSafe(|| {
-        train(plan, run, rasterizer, Interruptions::new(run, watcher, Some(checkpoints)))
+        train(plan, run, rasterizer, Interruptions::new(&conductor, Some(checkpoints)))
     }));
     let failed = |error: String| Ok(Some((RunOutcome::Failed { error }, Vec::new())));
     match trained {
@@ -189,7 +190,7 @@ fn attempt<R: StudyBackend>(
     }
 }
 
-fn message(panic: &(dyn Any + Send)) -> &str {
+pub(crate) fn message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }

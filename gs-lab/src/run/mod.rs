@@ -17,6 +17,14 @@ mod watcher;
 
 #[cfg(test)]
 pub(crate) use self::record::tests;
+pub(crate) use self::{
+    conduct::message as panic_message,
+    record::{Record, ViewResult},
+    recorded::Row,
+    result_names::{CLAIMS, LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
+    resumption::{Conductor, Interruptions, JobCheckpoints, remove_checkpoint},
+    task::PICTURED_VIEWS,
+};
 pub use self::{
     conduct::{Conducted, conduct, refuse_unsupported},
     folder::{Existing, Preparation, RunningRun, StudyFolder},
@@ -25,10 +33,4 @@ pub use self::{
     task::ReplayedScene,
     train::Replayed,
     watcher::Watcher,
-};
-pub(crate) use self::{
-    record::{Record, ViewResult},
-    recorded::Row,
-    result_names::{CLAIMS, LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
-    task::PICTURED_VIEWS,
 };

@@ -1,27 +1,25 @@
-//! Checkpoints of a study's runs: whoever claims a run that was interrupted goes on with it.
+//! Checkpoints of jobs that train: whoever claims a job that was interrupted goes on with it.
 //!
-//! A checkpoint is next to the place of the run's record until the record is there. It holds the
+//! A checkpoint is next to the place of the job's record until the record is there. It holds the
 //! trainer's state and all that the record takes from the steps so far, so that the record is that
-//! of a run without an interruption. A digest guards it: what is not exactly the checkpoint of this
-//! run is ignored, and the run starts again.
+//! of a job without an interruption. A digest guards it: what is not exactly the checkpoint of this
+//! job is ignored, and the job starts again.
 //!
-//! Two processes may store checkpoints of the same run, where one that seemed dead comes back. Each
-//! replaces the other whole, and every checkpoint of a run leads to the same record.
+//! Two processes may store checkpoints of the same job, where one that seemed dead comes back. Each
+//! replaces the other whole, and every checkpoint of a job leads to the same record.
 
 use std::{
     fmt::Display,
+    path::Path,
     time::{Duration, Instant},
 };
 
 use gs_core::SavedState;
-use gs_io::Checkpoint;
+use gs_io::{Checkpoint, decode_checkpoint, encode_checkpoint};
+use gs_jobs::{JobStore, Keep, files};
 use gs_train::{Control, Error as TrainError, Observer, Progress};
 
-use super::{folder::StudyFolder, watcher::Watcher};
-use crate::{
-    error::Error,
-    study::{Run, digest},
-};
+use crate::{error::Error, study::digest};
 
 /// Checkpoints per lease: a process that dies loses less work than others then wait for its runs.
 const PER_LEASE: u32 = 4;
@@ -29,49 +27,67 @@ const PER_LEASE: u32 = 4;
 /// Storing a checkpoint takes at most this share of the time until the next.
 const SHARE_OF_STORING: u32 = 50;
 
-/// Entry of the metadata with the digest of everything else in the checkpoint and of the run's
+/// Entry of the metadata with the digest of everything else in the checkpoint and of the job's
 /// address.
 const KEY: &str = "study-run";
 
-/// The checkpoints of a run.
-pub(crate) struct RunCheckpoints<'a> {
-    folder: &'a StudyFolder,
-    run: &'a Run,
+/// Who conducts a job that can be interrupted.
+pub(crate) trait Conductor {
+    /// Whether to stop, with a checkpoint.
+    fn wants_stop(&self) -> bool;
+
+    /// Something went wrong that costs time but changes no result.
+    fn warned(&self, message: &str);
+
+    /// The job goes on after this many steps.
+    fn resumed(&self, step: u32);
+}
+
+/// The checkpoints of a job.
+pub(crate) struct JobCheckpoints<'a> {
+    store: &'a JobStore,
+    address: &'a str,
     interval: Duration,
 }
 
-impl<'a> RunCheckpoints<'a> {
-    /// The checkpoints of a run that this process has claimed for a lease.
-    pub(crate) fn new(folder: &'a StudyFolder, run: &'a Run, lease: Duration) -> Self {
-        Self { folder, run, interval: lease / PER_LEASE }
+impl<'a> JobCheckpoints<'a> {
+    /// The checkpoints of a job that this process has claimed for a lease.
+    pub(crate) fn new(store: &'a JobStore, address: &'a str, lease: Duration) -> Self {
+        Self { store, address, interval: lease / PER_LEASE }
     }
 
     /// The stored checkpoint, if there is one.
     fn read(&self) -> Result<Option<Checkpoint>, String> {
-        let Some(mut checkpoint) = self.folder.checkpoint(self.run).map_err(|error| error.to_string())? else {
-            return Ok(None);
-        };
+        let name = files::checkpoint(self.address);
+        let bytes = self.store.read(&name).map_err(|error| error.to_string())?;
+        let decoded = bytes.map(|bytes| decode_checkpoint(&bytes, Path::new(&name))).transpose();
+        let Some(mut checkpoint) = decoded.map_err(|error| error.to_string())? else { return Ok(None) };
         let digest = checkpoint.metadata.remove(KEY);
-        match digest == Some(digest::of_checkpoint(&self.run.address, &checkpoint)) {
+        match digest == Some(digest::of_checkpoint(self.address, &checkpoint)) {
             true => Ok(Some(checkpoint)),
             false => Err("its digest is not that of this run, so it is damaged or of another".to_owned()),
         }
     }
 
     fn store(&self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
-        let digest = digest::of_checkpoint(&self.run.address, checkpoint);
+        let digest = digest::of_checkpoint(self.address, checkpoint);
         checkpoint.metadata.insert(KEY.to_owned(), digest);
-        self.folder.store_checkpoint(self.run, checkpoint)
+        let name = files::checkpoint(self.address);
+        Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))?)
     }
 }
 
-/// Stops a run where the watcher wants to, and stores checkpoints: now and then, and at the stop.
+/// Removes the checkpoint of a job that has a record. What cannot be removed does no harm.
+pub(crate) fn remove_checkpoint(store: &JobStore, address: &str) {
+    let _ = store.remove(&files::checkpoint(address));
+}
+
+/// Stops a job where its conductor wants to, and stores checkpoints: now and then, and at the stop.
 /// It comes after the observers that add to checkpoints.
 pub(crate) struct Interruptions<'a> {
-    run: &'a Run,
-    watcher: &'a dyn Watcher,
-    /// `None` for a run that is not to be resumed.
-    checkpoints: Option<RunCheckpoints<'a>>,
+    conductor: &'a dyn Conductor,
+    /// `None` for a job that is not to be resumed.
+    checkpoints: Option<JobCheckpoints<'a>>,
     /// When the next checkpoint is due.
     due: Option<Instant>,
     stops: bool,
@@ -79,10 +95,10 @@ pub(crate) struct Interruptions<'a> {
 }
 
 impl<'a> Interruptions<'a> {
-    /// Interruptions of a run from now on.
-    pub(crate) fn new(run: &'a Run, watcher: &'a dyn Watcher, checkpoints: Option<RunCheckpoints<'a>>) -> Self {
+    /// Interruptions of a job from now on.
+    pub(crate) fn new(conductor: &'a dyn Conductor, checkpoints: Option<JobCheckpoints<'a>>) -> Self {
         let due = checkpoints.as_ref().map(|checkpoints| Instant::now() + checkpoints.interval);
-        Self { run, watcher, checkpoints, due, stops: false, has_failed: false }
+        Self { conductor, checkpoints, due, stops: false, has_failed: false }
     }
 
     /// The checkpoint to go on from; `None` where there is none, or none that can be used.
@@ -96,18 +112,18 @@ impl<'a> Interruptions<'a> {
 
     /// Says that the checkpoint cannot be used.
     pub(crate) fn refuse(&self, why: impl Display) {
-        self.watcher.warned(self.run, &format!("begins anew, as its checkpoint cannot be used: {why}"));
+        self.conductor.warned(&format!("begins anew, as its checkpoint cannot be used: {why}"));
     }
 
-    /// Says that the run goes on after this many steps.
+    /// Says that the job goes on after this many steps.
     pub(crate) fn resumed(&self, step: u32) {
-        self.watcher.resumed(self.run, step);
+        self.conductor.resumed(step);
     }
 }
 
 impl Observer for Interruptions<'_> {
     fn on_step(&mut self, _: &Progress) -> Control {
-        self.stops |= self.watcher.wants_stop();
+        self.stops |= self.conductor.wants_stop();
         if self.stops { Control::Stop } else { Control::Continue }
     }
 
@@ -124,7 +140,7 @@ impl Observer for Interruptions<'_> {
             && !self.has_failed
         {
             self.has_failed = true;
-            self.watcher.warned(self.run, &format!("goes on without a checkpoint, which could not be stored: {error}"));
+            self.conductor.warned(&format!("goes on without a checkpoint, which could not be stored: {error}"));
         }
         self.due = Some(Instant::now() + (started.elapsed() * SHARE_OF_STORING).max(checkpoints.interval));
         Ok(())

@@ -2,7 +2,7 @@
 
 use gs_jobs::Overseer;
 
-use super::record::RunOutcome;
+use super::{record::RunOutcome, resumption::Conductor};
 use crate::study::Run;
 
 /// Watches a study; called from several threads. `()` ignores everything.
@@ -48,5 +48,25 @@ impl Overseer for &dyn Watcher {
 
     fn wants_stop(&self) -> bool {
         (**self).wants_stop()
+    }
+}
+
+/// The watcher of one run.
+pub(crate) struct OfRun<'a> {
+    pub(crate) run: &'a Run,
+    pub(crate) watcher: &'a dyn Watcher,
+}
+
+impl Conductor for OfRun<'_> {
+    fn wants_stop(&self) -> bool {
+        self.watcher.wants_stop()
+    }
+
+    fn warned(&self, message: &str) {
+        self.watcher.warned(self.run, message);
+    }
+
+    fn resumed(&self, step: u32) {
+        self.watcher.resumed(self.run, step);
     }
 }

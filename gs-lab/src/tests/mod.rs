@@ -1,6 +1,7 @@
 //! The laboratory from end to end.
 
 mod aligned_poses;
+mod blocks;
 mod claims;
 mod clock;
 mod comparisons;

@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    Image, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
+    Camera, Image, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
     constants::SH_C0,
     effects::{Background, Order},
     logit, sigmoid,
@@ -44,14 +44,23 @@ pub(super) async fn contribution<R: Rasterizer<Scene3d>>(
     let render = colorless(render);
     let mut largest = vec![0.0_f32; scene.len()];
     for view in views {
-        let ones = Image::filled(view.camera.width, view.camera.height, [1.0; 3])?;
-        let sums = color_gradients((on, &grey), view, &render, &ones).await?;
-        largest.iter_mut().zip(sums).for_each(|(most, sum)| *most = most.max(sum.x));
+        let sums = blending_weights((on, &grey), &view.camera, &render).await?;
+        largest.iter_mut().zip(sums).for_each(|(most, sum)| *most = most.max(sum));
     }
     if largest.iter().all(|sum| *sum == 0.0) {
         return Err(Error::NothingSeen { gaussians: scene.len(), views: views.len() });
     }
     Ok(largest)
+}
+
+/// The sum of each Gaussian's blending weights in a view, px, `[N]`; of a [`plain`] scene, by [`colorless`] settings.
+pub(crate) async fn blending_weights<R: Rasterizer<Scene3d>>(
+    grey: (&R, &R::Splats),
+    camera: &Camera,
+    render: &RenderSettings,
+) -> Result<Vec<f32>, Error> {
+    let ones = Image::filled(camera.width, camera.height, [1.0; 3])?;
+    Ok(color_gradients(grey, camera, render, &ones).await?.into_iter().map(|sum| sum.x).collect())
 }
 
 /// How far each Gaussian hangs in front of what the views show of another scene, as a share of the depth there, `[N]`:
@@ -77,7 +86,7 @@ pub(super) async fn in_front<R: Rasterizer<Scene3d>>(
         let (inverse, _) = on.draw(&shown, &view.camera, &inverse).await?;
         let maps = alpha.pixels().iter().zip(inverse.pixels()).map(|(a, i)| [a[0], i[0], 0.0]).collect();
         let maps = Image::from_pixels(alpha.width(), alpha.height(), maps)?;
-        let of_view = color_gradients((on, &grey), view, &footprints, &maps).await?;
+        let of_view = color_gradients((on, &grey), &view.camera, &footprints, &maps).await?;
         for (index, (sum, Vec3 { x: alpha, y: inverse, .. })) in sums.iter_mut().zip(of_view).enumerate() {
             let front = 1.0 - view.camera.to_camera(scene.means[index]).z * inverse / alpha;
             if front > -HIDDEN {
@@ -152,7 +161,7 @@ pub(super) async fn harm<R: Rasterizer<Scene3d>>(
 }
 
 /// Settings under which colours are constants, and their gradients are sums of weights.
-fn colorless(render: &RenderSettings) -> RenderSettings {
+pub(crate) fn colorless(render: &RenderSettings) -> RenderSettings {
     render.with(|s| (s.effects.sh_degree, s.effects.background) = (0, Background::None))
 }
 
@@ -160,12 +169,12 @@ fn colorless(render: &RenderSettings) -> RenderSettings {
 /// possible weight of a pixel, if that is small.
 async fn color_gradients<R: Rasterizer<Scene3d>>(
     (on, grey): (&R, &R::Splats),
-    view: &PosedView,
+    camera: &Camera,
     render: &RenderSettings,
     maps: &Image,
 ) -> Result<Vec<Vec3>, Error> {
     let unit = if render.accuracy.alpha_max < 0.5 { render.accuracy.alpha_max } else { 1.0 };
-    let pass = on.forward(grey, &view.camera, render).await?;
+    let pass = on.forward(grey, camera, render).await?;
     let gradients = on.image_vjp(grey, pass, maps).await?;
     Ok(on.gradients(grey, &gradients).await?.sh.into_iter().map(|sum| sum / (SH_C0 * unit)).collect())
 }

@@ -181,6 +181,7 @@ async fn fitted<R: Optimizer<Scene3d>>(
         max_scale: f32::MAX,
         participants: Participants::Visible,
         penalty: Penalty::NONE,
+        fixed: 0,
     };
     let mut splats = on.upload(scene, Parameterization::ScaleRotation)?;
     let step = TrainStep { settings: render, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };

@@ -3,7 +3,7 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Effects, Loss, Optimizer, Parameterization};
+use gs_core::{Effects, Loss, Optimizer, Parameterization, examination::Examinable};
 use gs_density::{DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Policy, Residual};
 
 use super::{observer::Quality, recovery::Recovery, rounds::Rounds, settings_file::SettingsFile, suspect::Suspect};
@@ -19,7 +19,7 @@ pub trait Trainable: SceneTask {}
 impl<S: SceneTask> Trainable for S {}
 
 /// The sealed part of [`Trainable`].
-pub trait SceneTask: DensityScene {
+pub trait SceneTask: DensityScene + Examinable {
     /// Everything that a run depends on besides images and backend.
     type Settings: RunSettings<Self>;
     /// The part of the loop that knows the images.
@@ -99,6 +99,10 @@ pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
     /// Share of the run, at its end, whose scenes are averaged.
     fn average_last(&self) -> f32 {
         0.0
+    }
+    /// Number of Gaussians, the first of the scene, that the run leaves as they are.
+    fn fixed(&self) -> u32 {
+        0
     }
     /// Whether the budget is only a bound: a default that the policy does not aim at.
     fn budget_is_bound(&self) -> bool {

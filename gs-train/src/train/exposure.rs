@@ -118,7 +118,7 @@ pub struct ExposureReport {
 
 /// The maps, and the reduced views from which they are solved.
 #[derive(Debug, Default)]
-pub(super) struct Exposures {
+pub(crate) struct Exposures {
     maps: Maps,
     /// The training views at a small size.
     small: Vec<SmallView>,
@@ -164,7 +164,7 @@ impl Exposures {
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where they are not those of such a run.
-    pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
+    pub(crate) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
         if !metadata.contains_key(KEY) {
             return Ok(Self::default());
         }
@@ -177,6 +177,12 @@ impl Exposures {
             return Err(Error::Checkpoint(format!("its `{KEY}` is not finite")));
         }
         Ok(Self { maps, small: Vec::new() })
+    }
+
+    /// Maps that no training solves again, one for each of its views; none if they are not used.
+    #[cfg(feature = "edit")]
+    pub(crate) fn settled(of_views: Vec<ColorMap>) -> Self {
+        Self { maps: Maps { of_views, report: None }, small: Vec::new() }
     }
 
     /// The metadata for a checkpoint; `None` before the first solution.
@@ -198,7 +204,7 @@ impl Exposures {
     }
 
     /// The map from the colours of a training view's image to the colours of the scene, if any.
-    pub(super) fn map(&self, index: usize) -> Option<&ColorMap> {
+    pub(crate) fn map(&self, index: usize) -> Option<&ColorMap> {
         self.maps.of_views.get(index)
     }
 

@@ -30,6 +30,12 @@ pub use self::{
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
 };
+#[cfg(feature = "edit")]
+pub(crate) use self::{
+    exposure::Exposures,
+    poses::{Poses, pose_of, with_pose},
+    task::shown,
+};
 pub use crate::{
     fit::Flat,
     start::{PointInit, Start, StartName},

@@ -161,6 +161,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
     TrainSettings {
         gaussians: 2_000_000,
         gaussians_per_point: 0.0,
+        fixed: 0,
         exactly: false,
         iterations,
         decay_over: if iterations < SHORTEST_AS_PUBLISHED { 0 } else { ITERATIONS },

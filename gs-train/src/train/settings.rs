@@ -44,6 +44,10 @@ pub struct TrainSettings {
     /// never. The settings of a training that has begun have the raised number, and 0 here.
     #[serde(skip_serializing_if = "is_zero")]
     pub gaussians_per_point: f32,
+    /// Number of Gaussians, the first of the scene that training starts from, that are drawn but stay as they
+    /// are: steps, noise and density control do not touch them. They count in [`Self::gaussians`]. Default 0.
+    #[serde(skip_serializing_if = "is_zero_count")]
+    pub fixed: u32,
     /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
     /// schedule ([`CountSchedule`](gs_density::CountSchedule)), under any policy. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -111,6 +115,11 @@ pub struct TrainSettings {
     #[serde(skip_serializing_if = "DepthLoss::is_off")]
     pub depth_loss: DepthLoss,
 }
+/// Settings files leave out counts that are 0 by default.
+fn is_zero_count(value: &u32) -> bool {
+    *value == 0
+}
+
 impl TrainSettings {
     /// Returns these settings with this largest number of Gaussians, which the points that training
     /// starts from do not raise.
@@ -138,6 +147,29 @@ impl TrainSettings {
         self.gaussians.saturating_mul(2).min(MAX_GAUSSIANS).max(self.gaussians)
     }
 
+    /// Returns these settings for a run of another number of steps, with all schedules at the same shares of the run.
+    #[must_use]
+    #[cfg(feature = "edit")]
+    pub(crate) fn lasting(mut self, iterations: u32) -> Self {
+        if iterations == self.iterations {
+            return self;
+        }
+        let factor = f64::from(iterations) / f64::from(self.iterations.max(1));
+        let scaled = |steps: u32| (f64::from(steps) * factor).round() as u32;
+        let at_least_one = |steps: u32| if steps > 0 { scaled(steps).max(1) } else { 0 };
+        let Rounds { every, from, until } = self.rounds;
+        self.rounds = Rounds { every: at_least_one(every), from: scaled(from), until: scaled(until) };
+        self.decay_over = at_least_one(self.decay_over);
+        self.sh_degree_every = at_least_one(self.sh_degree_every);
+        if let Some(actions) = self.policy.actions_mut() {
+            actions.reset.every = at_least_one(actions.reset.every);
+            actions.reset.once_after = at_least_one(actions.reset.once_after);
+            actions.prune.larger_after = scaled(actions.prune.larger_after);
+        }
+        self.iterations = iterations;
+        self
+    }
+
     /// The Gaussians that the step after `step` steps leaves out.
     pub(super) fn dropout_at(&self, step: u32) -> Dropout {
         Dropout::default().with(|s| {
@@ -161,6 +193,7 @@ impl TrainSettings {
         rates.mean.learning_rate *= extent;
         rates.min_scale *= extent;
         rates.max_scale *= extent;
+        rates.fixed = self.fixed;
         rates
     }
 
@@ -220,6 +253,12 @@ impl TrainSettings {
         if !(1..=MAX_GAUSSIANS).contains(&self.gaussians) {
             return Err(Error::setting("the number of Gaussians", self.gaussians, "1 to 100,000,000"));
         }
+        if self.fixed >= self.gaussians {
+            return Err(Error::setting("the number of fixed Gaussians", self.fixed, "less than that of all"));
+        }
+        if self.fixed > 0 && self.refine_poses != RefinePoses::Off {
+            return Err(Error::setting("refine-poses", self.refine_poses, "off where some Gaussians are fixed"));
+        }
         if !(self.gaussians_per_point >= 0.0 && self.gaussians_per_point.is_finite()) {
             return Err(Error::setting("gaussians-per-point", self.gaussians_per_point, "finite and not negative"));
         }
@@ -261,6 +300,10 @@ impl RunSettings<Scene3d> for TrainSettings {
 
     fn budget_is_bound(&self) -> bool {
         self.gaussians == Self::default().gaussians && !self.policy.aims_at_budget()
+    }
+
+    fn fixed(&self) -> u32 {
+        self.fixed
     }
 
     fn effects_after(&self, step: u32) -> Effects {
@@ -393,9 +436,11 @@ mod tests {
     #[test]
     fn what_cannot_work_is_refused() {
         type Spoil = fn(&mut TrainSettings);
-        let cases: [(&str, Spoil); 11] = [
+        let cases: [(&str, Spoil); 13] = [
             ("average-last", |s| s.average_last = f32::NAN),
             ("number of Gaussians", |s| s.gaussians = 0),
+            ("fixed Gaussians", |s| s.fixed = s.gaussians),
+            ("refine-poses", |s| (s.fixed, s.refine_poses) = (1, RefinePoses::Auto)),
             ("gaussians-per-point", |s| s.gaussians_per_point = f32::NAN),
             ("extent", |s| s.extent = Some(f32::NAN)),
             ("initial opacity", |s| s.init.opacity = 1.0),

@@ -52,7 +52,7 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     images: Images<R::Target>,
     /// Whether the images' targets take as little memory as possible.
     compact: bool,
-    exposures: Exposures,
+    pub(super) exposures: Exposures,
     pub(super) poses: Poses,
     depths: DepthMaps<R::Target>,
     /// Checksums of the views' images, those that are known.

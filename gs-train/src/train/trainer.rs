@@ -107,7 +107,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let Some(extent) = record.settings.extent else {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
-        let average = Average::of_state(&checkpoint.state, SplatsState::scene_3d)?;
+        let average = Average::of_state(&checkpoint.state, record.settings.fixed, SplatsState::scene_3d)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let poses = Poses::from_metadata(&checkpoint.metadata, &mut views.train)?;
@@ -116,6 +116,13 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.average = average;
         Ok(trainer)
+    }
+
+    /// Returns this training with these colour maps of its images.
+    #[cfg(feature = "edit")]
+    pub(crate) fn with_exposures(mut self, exposures: Exposures) -> Self {
+        self.task.exposures = exposures;
+        self
     }
 
     /// The views.

@@ -62,7 +62,7 @@ fn turn(l: mat2x2f, by: vec3f) -> mat2x2f {
 @compute @workgroup_size(64)
 fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let index = flat(group, groups) * 64u + lane;
-    if index >= step.gaussians {
+    if index >= step.gaussians || index < step.fixed {
         return;
     }
     let gradient = gradients[index];

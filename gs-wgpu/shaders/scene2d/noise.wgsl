@@ -8,7 +8,7 @@
 @compute @workgroup_size(64)
 fn add_noise(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let index = flat(group, groups) * 64u + lane;
-    if index >= noise.gaussians {
+    if index >= noise.gaussians || index < noise.fixed {
         return;
     }
     let g = gaussians[index];

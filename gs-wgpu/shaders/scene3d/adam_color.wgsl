@@ -83,7 +83,7 @@ fn adam_color_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     }
     let index = at / step.coefficients;
     let visible = gradients[index].visible == 1u;
-    if step.visible_only == 1u && !visible {
+    if index < step.fixed || (step.visible_only == 1u && !visible) {
         return;
     }
     let steps = ellipsoids[index].steps;

@@ -114,6 +114,7 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
         ],
         opacity_ceiling: None,
         statistics,
+        fixed: 0,
     }
 }
 

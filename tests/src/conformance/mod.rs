@@ -179,6 +179,7 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
             steps_decrease_the_loss<Scene3d, R>,
             adam_matches<Scene3d, R>,
             only_participants_move<R>,
+            fixed_gaussians_stay<R>,
             fused_steps_match_separate_stages<Scene3d, R>,
             reused_lists_change_nothing_without_movement<R>,
             losses_are_reported_once_and_in_order<Scene3d, R>,

@@ -101,7 +101,7 @@ fn check_moments(state: &SplatsState) -> Result<(), Failure> {
 /// `add_noise` moves the means by [`MeanNoise`], and leaves all other numbers and pending losses
 /// unchanged. The result is the same with and without pending steps.
 pub(crate) fn noise_moves_means_and_nothing_else<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    let noise = MeanNoise { scale: 0.05, seed: 11, step: 3 };
+    let noise = MeanNoise { scale: 0.05, seed: 11, step: 3, fixed: 0 };
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);
         draw.settings.effects.statistics = Statistics::MeanGradient;

@@ -1,7 +1,7 @@
 //! An image for training in the samples of its file, with its mask.
 
 use super::PosedImage;
-use crate::image::{AnyPixels, Pixels, with_pixels};
+use crate::image::{AnyPixels, Pixels, Sample, with_pixels};
 
 /// A [`PosedImage`] in a quarter of its memory: in 8 bits a channel, 16 where its file has more, or
 /// floating-point numbers where its file has those.
@@ -25,6 +25,26 @@ impl CompactImage {
     pub fn bytes(&self) -> u64 {
         let samples = with_pixels!(&self.pixels, pixels => size_of_val(&pixels.samples[..]));
         (samples + self.mask.as_ref().map_or(0, Vec::len)) as u64
+    }
+
+    /// The part of these columns and rows (width, height) whose first column and row are `[left, top]`.
+    ///
+    /// # Panics
+    /// Where the image does not have them all.
+    #[must_use]
+    pub fn cropped(&self, [left, top]: [u32; 2], [width, height]: [u32; 2]) -> Self {
+        let all = self.size().0 as usize;
+        let rows = |each: usize| {
+            let from = move |y: u32| each * (y as usize * all + left as usize);
+            (top..top + height).map(move |y| from(y)..from(y) + each * width as usize)
+        };
+        let mask = self.mask.as_ref().map(|mask| rows(1).flat_map(|row| &mask[row]).copied().collect());
+        let pixels = with_pixels!(&self.pixels, pixels => {
+            let has_alpha = pixels.has_alpha;
+            let samples = rows(if has_alpha { 4 } else { 3 }).flat_map(|row| &pixels.samples[row]).copied().collect();
+            Sample::any(Pixels { width, height, has_alpha, samples })
+        });
+        Self { pixels, mask }
     }
 
     /// The image in floating point: stored integers divided by 255 or 65535.
@@ -101,7 +121,6 @@ impl From<&PosedImage> for CompactImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Sample as _;
 
     #[test]
     fn images_of_all_samples_come_back_from_their_bytes() {

@@ -12,8 +12,8 @@ use std::{
     time::Duration,
 };
 
-use gs_core::{Image, SavedState};
-use gs_io::{Checkpoint, FolderClaim, Inputs, OutputFolder, decode_checkpoint, encode_checkpoint, png_bytes};
+use gs_core::Image;
+use gs_io::{FolderClaim, Inputs, OutputFolder, png_bytes};
 use gs_jobs::{
     Claims, JobStore, Keep, Listing, Queue, State, WorkSettings,
     files::{self, RUNS},
@@ -226,6 +226,11 @@ impl StudyFolder {
         &self.path
     }
 
+    /// The files of the runs.
+    pub(crate) fn store(&self) -> &JobStore {
+        &self.store
+    }
+
     /// The path of a file in the folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
@@ -280,7 +285,7 @@ impl StudyFolder {
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::TwoResults`] where the other process came to another result.
-    pub(crate) fn store(&self, plan: &Plan, run: &Run, record: &Record) -> Result<(), Error> {
+    pub(crate) fn store_record(&self, plan: &Plan, run: &Run, record: &Record) -> Result<(), Error> {
         let held = self.record(run)?;
         if let Some(first) = held.as_ref().and_then(|held| held.outcome.finished()) {
             return match record.outcome.finished() {
@@ -297,31 +302,6 @@ impl StudyFolder {
         }
         let name = files::record(&run.address);
         Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, record)?))?)
-    }
-
-    /// The checkpoint of a run, if there is one.
-    ///
-    /// # Errors
-    /// [`Error::Io`] where it is damaged, [`Error::Jobs`] where it cannot be read.
-    pub(crate) fn checkpoint(&self, run: &Run) -> Result<Option<Checkpoint>, Error> {
-        let name = files::checkpoint(&run.address);
-        let bytes = self.store.read(&name)?;
-        Ok(bytes.map(|bytes| decode_checkpoint(&bytes, Path::new(&name))).transpose()?)
-    }
-
-    /// Stores a checkpoint of a run in place of the one before.
-    ///
-    /// # Errors
-    /// [`Error::Io`] or [`Error::Jobs`].
-    pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint<SavedState<'_>>) -> Result<(), Error> {
-        let name = files::checkpoint(&run.address);
-        Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))?)
-    }
-
-    /// Removes the checkpoint of a run that has a record. What cannot be removed does no harm; the
-    /// next report removes it.
-    pub(crate) fn remove_checkpoint(&self, run: &Run) {
-        let _ = self.store.remove(&files::checkpoint(&run.address));
     }
 
     /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene

@@ -72,12 +72,13 @@ impl Average {
         sums.chain((self.scenes > 0).then_some(count))
     }
 
-    /// The sums in a checkpoint of this state.
+    /// The sums in a checkpoint of this state, of a run whose first `fixed` Gaussians do not move.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where they do not fit the Gaussians of the state.
     pub(crate) fn of_state<S: Trainable>(
         state: &SplatsState,
+        fixed: u32,
         scene: impl Fn(&SplatsState) -> Result<S, gs_core::Error>,
     ) -> Result<Self, Error> {
         let Some(count) = state.tensors.get(COUNT) else { return Ok(Self::default()) };
@@ -88,12 +89,22 @@ impl Average {
             Some(Tensor { data: TensorData::F32(sum), .. }) if sum.len() == array.len() => Some(sum.clone()),
             _ => None,
         };
-        let sums: Option<Vec<_>> = scene.numbers_mut().into_iter().enumerate().map(sum).collect();
+        let sums: Option<Vec<_>> = moving(&mut scene, fixed).into_iter().enumerate().map(sum).collect();
         match (&count[..], sums) {
             (&[scenes], Some(sums)) if (1..=SCENES).contains(&scenes) => Ok(Self { scenes, sums }),
             _ => Err(wrong()),
         }
     }
+}
+
+/// The parameters of the Gaussians behind the first `fixed`, an array for each kind.
+fn moving<S: Trainable>(scene: &mut S, fixed: u32) -> Vec<&mut [f32]> {
+    let count = scene.len().max(1);
+    fn behind(array: &mut [f32], fixed: usize, count: usize) -> &mut [f32] {
+        let from = array.len() / count * fixed;
+        &mut array[from..]
+    }
+    scene.numbers_mut().into_iter().map(|array| behind(array, fixed as usize, count)).collect()
 }
 
 impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
@@ -105,9 +116,10 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             return Ok(());
         }
         let mut scene = self.rasterizer.download(&self.splats).await?;
-        self.average.add(scene.numbers_mut());
+        let fixed = self.record.settings.fixed();
+        self.average.add(moving(&mut scene, fixed));
         if self.is_finished() {
-            std::mem::take(&mut self.average).assign_to(scene.numbers_mut());
+            std::mem::take(&mut self.average).assign_to(moving(&mut scene, fixed));
             let parameterization = self.record.settings.parameterization();
             // Frees the memory of the last scene first.
             self.splats = self.rasterizer.upload(&S::default(), parameterization)?;
@@ -158,14 +170,14 @@ mod tests {
         let mut state = SplatsState::new(gs_core::Parameterization::ScaleRotation);
         let tensors = SavedState { parameterization: state.parameterization, tensors: average.tensors().collect() };
         state.tensors = tensors.collect().tensors;
-        let mut read = Average::of_state(&state, |_| Ok(scene(0.0))).unwrap();
+        let mut read = Average::of_state(&state, 0, |_| Ok(scene(0.0))).unwrap();
         assert_eq!(read, average);
         read.add(scene(6.0).numbers_mut());
         let mut mean = scene(6.0);
         read.assign_to(mean.numbers_mut());
         assert_eq!(mean, scene(3.0));
         let two = Scene2d { rotations: vec![0.0; 2], ..scene(0.0) };
-        let found = |state: &SplatsState, scene: &Scene2d| Average::of_state(state, |_| Ok(scene.clone()));
+        let found = |state: &SplatsState, scene: &Scene2d| Average::of_state(state, 0, |_| Ok(scene.clone()));
         assert!(matches!(found(&state, &two), Err(Error::Checkpoint(_))));
         state.insert_u32(COUNT, vec![SCENES + 1]);
         assert!(matches!(found(&state, &scene(0.0)), Err(Error::Checkpoint(_))));

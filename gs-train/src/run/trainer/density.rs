@@ -2,7 +2,7 @@
 //! Gaussians.
 
 use gs_core::{
-    Binning, DensityStatistics, EditPlan, Optimizer,
+    Binning, DensityStatistics, EditPlan, MeanNoise, Optimizer,
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
 };
@@ -23,9 +23,10 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         let Record { settings, step, .. } = &self.record;
         let LoopSettings { iterations, seed, budget, exactly, policy: named, .. } = settings.of_loop();
         let policy = policy(&self.custom, settings);
-        let scene = self.rasterizer.download(&self.splats).await?;
+        let fixed = settings.fixed();
+        let mut scene = self.rasterizer.download(&self.splats).await?;
         let needs = policy.needs();
-        let statistics = match needs.statistics {
+        let mut statistics = match needs.statistics {
             Statistics::None => DensityStatistics::zeros(scene.len()),
             _ => self.rasterizer.statistics(&self.splats).await?,
         };
@@ -33,7 +34,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         let effects = self.effects();
         let rounds = self.rounds();
         let progress_before = rounds.progress(step.saturating_sub(rounds.every), iterations).unwrap_or_default();
-        let evidence = match policy.evidence(step - 1, progress) {
+        let mut evidence = match policy.evidence(step - 1, progress) {
             Some(request) => {
                 let at = At { on: self.rasterizer, splats: &self.splats, settings, effects };
                 self.task.evidence(at, &scene, *step, request).await?
@@ -44,6 +45,13 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             true => self.task.residual(At { on: self.rasterizer, splats: &self.splats, settings, effects }).await?,
             false => None,
         };
+        if fixed > 0 {
+            let first = fixed as usize;
+            let is_moving: Vec<bool> = (0..scene.len()).map(|index| index >= first).collect();
+            scene.retain(&is_moving);
+            drop((statistics.signal_sum.drain(..first), statistics.visible.drain(..first)));
+            evidence.iter_mut().for_each(|evidence| evidence.remove_first(first));
+        }
         let observation = Observation {
             scene: &scene,
             statistics: &statistics,
@@ -53,13 +61,14 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             step: step - 1,
             progress,
             progress_before,
-            budget: budget as usize,
+            budget: (budget - fixed) as usize,
         };
         let rng = &mut random(seed, *step);
         let plan = match exactly {
             true => CountSchedule::from(named).plan(policy, &observation, rng)?,
             false => policy.plan(&observation, rng)?,
         };
+        let plan = plan.behind(fixed);
         let counts = plan.counts();
         // The edit needs memory of about the scene's size.
         drop(scene);
@@ -83,6 +92,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         };
         let rate = self.lr_scale() * settings.mean_factor(*step);
         let noise = noise.of_step::<S>(self.task.extent(), rate, settings.of_loop().seed, *step);
+        let noise = MeanNoise { fixed: settings.fixed(), ..noise };
         Ok(self.rasterizer.add_noise(&mut self.splats, &noise)?)
     }
 

@@ -92,16 +92,16 @@ const FROM: f64 = 0.1;
 const KEY: &str = "refined-poses";
 
 /// A world-to-camera pose: the columns of the rotation, and the translation.
-type Pose = [f32; 12];
+pub(crate) type Pose = [f32; 12];
 
-fn pose_of(camera: &Camera) -> Pose {
+pub(crate) fn pose_of(camera: &Camera) -> Pose {
     let mut pose = [0.0; 12];
     pose[..9].copy_from_slice(&camera.rotation.to_cols_array());
     pose[9..].copy_from_slice(&camera.translation.to_array());
     pose
 }
 
-fn with_pose(camera: &Camera, pose: &Pose) -> Camera {
+pub(crate) fn with_pose(camera: &Camera, pose: &Pose) -> Camera {
     let rotation = glam::Mat3::from_cols_slice(&pose[..9]);
     Camera { rotation, translation: glam::Vec3::from_slice(&pose[9..]), ..*camera }
 }
@@ -154,7 +154,7 @@ struct OfView {
 
 /// The poses of a training.
 #[derive(Debug)]
-pub(super) struct Poses {
+pub(crate) struct Poses {
     /// The cameras of the training views as they were given; empty where poses are not refined.
     given: Vec<Camera>,
     state: State,
@@ -231,7 +231,7 @@ impl Poses {
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where they are not those of such a run.
-    pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: &mut [PosedView]) -> Result<Self, Error> {
+    pub(crate) fn from_metadata(metadata: &BTreeMap<String, String>, views: &mut [PosedView]) -> Result<Self, Error> {
         if !metadata.contains_key(KEY) {
             return Ok(Self::default());
         }

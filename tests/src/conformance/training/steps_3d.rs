@@ -1,8 +1,10 @@
 //! Cases of 3D training: views that change from step to step, and Gaussians out of view.
 
 use gs_core::{
-    Binning, Camera, Loss, Optimizer, Parameterization, Participants, Scene, Scene3d, TrainStep,
+    Binning, Camera, EditPlan, Loss, MeanNoise, Optimizer, Parameterization, Participants, Penalty, Scene, Scene3d,
+    TrainStep,
     adam::Group,
+    edit::AfterEdit,
     effects::{Blend, Statistics},
 };
 use pollster::FutureExt as _;
@@ -74,6 +76,41 @@ pub(crate) fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> R
         Failure::unless(counts == expected, || format!("{participants:?}: step counts {counts:?}, not {expected:?}"))?;
     }
     Ok(())
+}
+
+/// The first Gaussians of a scene, as many as [`AdamRates::fixed`] says, keep parameters, moments, step counts
+/// and statistics in steps, under noise and in an edit that lowers opacities. The others move as ever.
+pub(crate) fn fixed_gaussians_stay<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+    const FIXED: usize = 5;
+    let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2617);
+    draw.settings.effects.statistics = Statistics::MeanGradient;
+    let target = rasterizer.upload_target(&draw.target()?)?;
+    let mut rates = distinct::<Scene3d>(1e-3);
+    rates.penalty = Penalty { opacity: 0.01, scale: 0.01 };
+    rates.fixed = FIXED as u32;
+    let scene = &draw.scene;
+    let mut splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
+    let check = |splats: &R::Splats, after: &str| -> Result<(), Failure> {
+        let (found, state) = (rasterizer.download(splats).block_on()?, rasterizer.save(splats).block_on()?);
+        let moved: Vec<usize> = (0..scene.len()).filter(|&g| found.gaussian(g) != scene.gaussian(g)).collect();
+        let expected: Vec<usize> = (FIXED..scene.len()).collect();
+        Failure::unless(moved == expected, || format!("{after}: {moved:?} moved, not {expected:?}"))?;
+        let (columns, moments) = state.matrix("moment1")?;
+        let stayed = moments[..FIXED * columns].iter().all(|moment| *moment == 0.0);
+        let counts = [state.integers("steps")?, state.integers("visible")?];
+        let counted = counts.iter().all(|counts| counts[..FIXED] == [0; FIXED] && counts[FIXED..].contains(&2));
+        Failure::unless(stayed && counted, || format!("{after}: moments of fixed Gaussians, or counts {counts:?}"))
+    };
+    for _ in 0..2 {
+        rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
+    }
+    check(&splats, "two steps")?;
+    rasterizer.add_noise(&mut splats, &MeanNoise { scale: 1e25, seed: 1, step: 2, fixed: rates.fixed })?;
+    check(&splats, "noise")?;
+    let ceiling = EditPlan { opacity_ceiling: Some(1e-3), statistics: AfterEdit::Keep, ..EditPlan::default() };
+    rasterizer.edit(&mut splats, &ceiling.behind(rates.fixed)).block_on()?;
+    check(&splats, "a ceiling")
 }
 
 /// A step may reuse lists: nothing changes if the Gaussians did not move, or if the camera is

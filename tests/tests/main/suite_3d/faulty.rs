@@ -52,6 +52,7 @@ pub(crate) enum Fault {
     ForgetsBiasCorrection,
     MovesAll,
     MovesOnlyTheVisible,
+    MovesTheFixed,
     FusedStepDoesTooMuch,
     IgnoresAddedGradients,
     AddsToTheUnseen,
@@ -356,6 +357,7 @@ impl Optimizer<Scene3d> for Faulty {
             OneRateForAllColours => rates.color_rest = rates.color,
             MovesAll => rates.participants = Participants::All,
             MovesOnlyTheVisible => rates.participants = Participants::Visible,
+            MovesTheFixed => rates.fixed = 0,
             ForgetsBiasCorrection => splats.steps.iter_mut().for_each(|steps| *steps = 100_000),
             StepsUphill => {
                 let AdamRates { mean, scale, rotation, opacity, color, color_rest, .. } = &mut rates;
@@ -365,11 +367,11 @@ impl Optimizer<Scene3d> for Faulty {
             }
             _ => {}
         }
-        let which: Vec<usize> = (0..splats.steps.len())
-            .filter(|&g| rates.participants == Participants::All || gradients.drawn[g])
-            .collect();
+        let moving = rates.fixed as usize..splats.steps.len();
+        let which: Vec<usize> =
+            (moving.clone()).filter(|&g| rates.participants == Participants::All || gradients.drawn[g]).collect();
         splats.adam(&which, &gradients.rows, &rates);
-        for g in 0..splats.steps.len() {
+        for g in moving {
             let twice = if self.is(DoublesStatistics) { 2.0 } else { 1.0 };
             splats.signal_sum[g] += (twice * gradients.statistic[g]) as f32;
             splats.visible[g] += gradients.weight[g] * u32::from(gradients.drawn[g]);
@@ -445,7 +447,8 @@ impl Optimizer<Scene3d> for Faulty {
     fn add_noise(&self, splats: &mut Splats, noise: &MeanNoise) -> Result<(), Error> {
         noise.validate()?;
         let shifts = scene_of(&narrow(&splats.rows().gaussians), splats.sh_len).shifts(noise);
-        for (row, shift) in splats.parameters.iter_mut().zip(shifts.chunks_exact(3)) {
+        let moving = splats.parameters.iter_mut().zip(shifts.chunks_exact(3)).skip(noise.fixed as usize);
+        for (row, shift) in moving {
             (0..3).for_each(|i| row[i] += shift[i]);
         }
         if self.is(NoiseIsAStep) {
@@ -472,7 +475,7 @@ impl Optimizer<Scene3d> for Faulty {
         splats.visible = plan.gather_statistics(&sources, &splats.visible);
         if let Some(ceiling) = plan.opacity_ceiling {
             let (place, moment) = (OPACITY_3D, Scene3d::OPACITY_MOMENT);
-            for g in 0..splats.steps.len() {
+            for g in plan.fixed as usize..splats.steps.len() {
                 let value = &mut splats.parameters[g][place];
                 *value = value.min(logit(ceiling));
                 (splats.first[g][moment], splats.second[g][moment]) = (0.0, 0.0);

@@ -53,6 +53,7 @@ fn every_fault_is_caught_by_its_case() {
         (ForgetsBiasCorrection, "adam_matches"),
         (MovesAll, "only_participants_move"),
         (MovesOnlyTheVisible, "only_participants_move"),
+        (MovesTheFixed, "fixed_gaussians_stay"),
         (FusedStepDoesTooMuch, "fused_steps_match_separate_stages"),
         (IgnoresAddedGradients, "added_gradients_join_the_step"),
         (AddsToTheUnseen, "added_gradients_join_the_step"),

@@ -1,0 +1,184 @@
+//! Does the blocks that have no record.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use gs_backend::FutureExt as _;
+use gs_core::{Error as CoreError, Optimizer, Scene3d};
+use gs_jobs::{Overseer, Queue, WorkSettings};
+use gs_train::{
+    Error as TrainError, Trainer3d,
+    blocks::{begin, block_views},
+    train::Views,
+};
+
+use super::folder::{BlockOutcome, BlocksFolder};
+use crate::{
+    error::Error,
+    run::{Conducted, Conductor, Interruptions, JobCheckpoints, panic_message, remove_checkpoint},
+};
+
+/// Watches the blocks that a process does, by their numbers from 0. `()` ignores everything.
+pub trait BlocksWatcher {
+    /// A block has begun.
+    fn begun(&self, block: usize) {
+        let _ = block;
+    }
+
+    /// A block that has begun goes on from a checkpoint after this many steps.
+    fn resumed(&self, block: usize, step: u32) {
+        let _ = (block, step);
+    }
+
+    /// Something went wrong that costs time but changes no result.
+    fn warned(&self, block: usize, message: &str) {
+        let _ = (block, message);
+    }
+
+    /// A block has ended, and its outcome is stored.
+    fn ended(&self, block: usize, outcome: &BlockOutcome) {
+        let _ = (block, outcome);
+    }
+
+    /// Whether to stop. The block in progress is given back, with a checkpoint.
+    fn wants_stop(&self) -> bool {
+        false
+    }
+}
+
+impl BlocksWatcher for () {}
+
+struct OfBlock<'a> {
+    block: usize,
+    watcher: &'a dyn BlocksWatcher,
+}
+
+impl Conductor for OfBlock<'_> {
+    fn wants_stop(&self) -> bool {
+        self.watcher.wants_stop()
+    }
+
+    fn warned(&self, message: &str) {
+        self.watcher.warned(self.block, message);
+    }
+
+    fn resumed(&self, step: u32) {
+        self.watcher.resumed(self.block, step);
+    }
+}
+
+impl Overseer for OfBlock<'_> {
+    fn wants_stop(&self) -> bool {
+        self.watcher.wants_stop()
+    }
+}
+
+/// Does all blocks of a folder that have no record, one after the other. `views` are those of the data set, at the
+/// size for the blocks. Other processes may work in the same folder: each block is done by one of them.
+///
+/// Blocks that fail or panic are recorded and do not stop the others. Nothing is recorded of a block whose backend
+/// fails or whose images cannot be read, which says nothing about the block.
+///
+/// # Errors
+/// [`Error::Jobs`] and [`Error::Io`] where a block cannot be claimed or its result cannot be stored; [`Error::Fit`]
+/// where the backend fails or an image is missing or another one; [`Error::TwoResults`] where a block was taken over
+/// and both processes ended it, in two results; [`Error::Folder`] where what it begins with is damaged.
+pub fn conduct<R: Optimizer<Scene3d>>(
+    folder: &BlocksFolder,
+    on: &R,
+    views: &Views,
+    settings: &WorkSettings,
+    watcher: &dyn BlocksWatcher,
+) -> Result<Conducted, Error> {
+    settings.validate()?;
+    let addresses = folder.addresses().iter().map(String::as_str).collect();
+    let queue = Queue::new(addresses, folder.store().clone(), settings);
+    let overseer = OfBlock { block: 0, watcher };
+    queue.keep_alive(|| {
+        while let Some((block, claim)) = queue.next(|block| format!("block {}", block + 1), &overseer)? {
+            watcher.begun(block);
+            // A claim that is dropped leaves the block to others.
+            let outcome = match train(folder, block, on, views, (settings, watcher)) {
+                Ok(Some(trained)) => folder.store_result(block, trained.steps, trained.seconds, trained.scene)?,
+                Ok(None) => return Ok(()),
+                Err(Failed::OfProcess(error)) => return Err(error),
+                Err(Failed::OfBlock(error)) => {
+                    let outcome = BlockOutcome::Failed { error };
+                    folder.store_record(block, outcome.clone())?;
+                    outcome
+                }
+            };
+            remove_checkpoint(folder.store(), &folder.addresses()[block]);
+            claim.finish();
+            watcher.ended(block, &outcome);
+        }
+        Ok(())
+    })?;
+    Ok(match queue.left()? {
+        0 => Conducted::Whole,
+        _ if watcher.wants_stop() => Conducted::Stopped,
+        _ => Conducted::Left,
+    })
+}
+
+/// A block whose steps are all done.
+struct Trained {
+    steps: u32,
+    seconds: f64,
+    scene: Scene3d,
+}
+
+/// Why a block was not trained.
+enum Failed {
+    /// It would fail elsewhere, too.
+    OfBlock(String),
+    /// This process cannot do it.
+    OfProcess(Error),
+}
+
+impl From<TrainError> for Failed {
+    fn from(error: TrainError) -> Self {
+        match error {
+            TrainError::Core(CoreError::Backend { .. })
+            | TrainError::Io(_)
+            | TrainError::OtherImages { .. }
+            | TrainError::OtherViews { .. } => Self::OfProcess(error.into()),
+            error => Self::OfBlock(error.to_string()),
+        }
+    }
+}
+
+/// Trains a block, from its checkpoint on if it has one; `None` where the watcher stopped it.
+fn train<R: Optimizer<Scene3d>>(
+    folder: &BlocksFolder,
+    block: usize,
+    on: &R,
+    all: &Views,
+    (settings, watcher): (&WorkSettings, &dyn BlocksWatcher),
+) -> Result<Option<Trained>, Failed> {
+    let conductor = OfBlock { block, watcher };
+    let checkpoints = JobCheckpoints::new(folder.store(), &folder.addresses()[block], settings.lease);
+    let mut interruptions = Interruptions::new(&conductor, Some(checkpoints));
+    let trained = catch_unwind(AssertUnwindSafe(|| {
+        let views = block_views(folder.plan(), block, all)?;
+        let resumed = interruptions.checkpoint().map(|held| Trainer3d::resume_views(on, views.clone(), held));
+        let mut trainer = match resumed {
+            Some(Ok(trainer)) => {
+                interruptions.resumed(trainer.step());
+                trainer
+            }
+            Some(Err(error @ TrainError::Core(CoreError::Backend { .. }))) => return Err(error.into()),
+            other => {
+                other.and_then(Result::err).iter().for_each(|error| interruptions.refuse(error));
+                let start = folder.start(block).map_err(Failed::OfProcess)?;
+                begin(on, folder.plan(), block, views, start).block_on()?
+            }
+        };
+        trainer.run(&mut interruptions).block_on()?;
+        if !trainer.is_finished() {
+            return Ok(None);
+        }
+        let (steps, seconds, scene) = (trainer.step(), trainer.seconds(), trainer.scene().block_on()?);
+        Ok(Some(Trained { steps, seconds, scene }))
+    }));
+    trained.unwrap_or_else(|panic| Err(Failed::OfBlock(format!("panicked: {}", panic_message(panic.as_ref())))))
+}

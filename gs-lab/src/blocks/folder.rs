@@ -1,0 +1,379 @@
+//! The folder of a training in blocks.
+//!
+//! `blocks.json` has the plan, `starts/N.ply` the Gaussians that block N begins with, `runs` the records, claims and
+//! checkpoints of the blocks, and `scenes/N.ply` their results. Blocks are counted from 1 in names and messages.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use gs_core::{Scene as _, Scene3d};
+use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, read_3d, write_3d, write_durably};
+use gs_jobs::{
+    Claims, JobStore, Keep, Listing, State, WorkSettings,
+    files::{self, RUNS},
+};
+use gs_train::blocks::{BlockPlan, BlocksPlan, own};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    error::Error,
+    study::{Machine, VERSION, digest},
+};
+
+const PLAN: &str = "blocks.json";
+const STARTS: &str = "starts";
+const SCENES: &str = "scenes";
+
+/// What a training in blocks was prepared from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Origin {
+    /// The machine whose backend all blocks use.
+    pub machine: Machine,
+    /// The data set's path.
+    pub dataset: PathBuf,
+    /// How the data set is read, in the form of who reads it.
+    pub reading: serde_json::Value,
+    /// The frame of cameras and scene.
+    pub frame: WorldFrame,
+}
+
+/// The content of `blocks.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct Held {
+    version: String,
+    origin: Origin,
+    /// Digests of the Gaussians that the blocks begin with.
+    starts: Vec<String>,
+    plan: BlocksPlan,
+}
+
+/// How the training of a block ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "outcome", rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum BlockOutcome {
+    /// It has a result.
+    Finished {
+        /// Number of Gaussians of the result.
+        gaussians: usize,
+        /// Steps done.
+        steps: u32,
+        /// Training time, s.
+        seconds: f64,
+        /// Digest of the result.
+        scene: String,
+    },
+    /// It failed, and would fail again.
+    Failed {
+        /// Why.
+        error: String,
+    },
+}
+
+/// The record of a block.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BlockRecord {
+    /// The address of the job.
+    pub address: String,
+    /// How it ended.
+    #[serde(flatten)]
+    pub outcome: BlockOutcome,
+}
+
+/// A block that a process has claimed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunningBlock {
+    /// The process; `None` where its claim cannot be read.
+    pub worker: Option<String>,
+    /// Time since its last sign of life, by the file server's clock; `None` if it is dead.
+    pub age: Option<Duration>,
+}
+
+/// The folder of a training in blocks. Any number of processes may do its blocks at the same time.
+#[derive(Debug)]
+pub struct BlocksFolder {
+    path: PathBuf,
+    store: JobStore,
+    held: Held,
+    addresses: Vec<String>,
+}
+
+/// Stores what blocks begin with, while a plan is made.
+#[derive(Debug)]
+pub struct Preparing {
+    path: PathBuf,
+    options: WriteOptions3d,
+    starts: Vec<String>,
+}
+
+impl Preparing {
+    /// Stores the Gaussians that a block begins with.
+    ///
+    /// # Errors
+    /// Those of writing a scene.
+    pub fn store(&mut self, block: usize, scene: &Scene3d) -> Result<(), gs_io::Error> {
+        write_3d(self.path.join(ply(STARTS, block)), scene, &self.options)?;
+        self.starts.truncate(block);
+        self.starts.push(digest::of_scene_3d(scene));
+        Ok(())
+    }
+
+    /// Ends the preparation by storing the plan.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where it cannot be written.
+    pub fn finish(self, origin: Origin, plan: BlocksPlan) -> Result<BlocksFolder, Error> {
+        let held = Held { version: VERSION.to_owned(), origin, starts: self.starts, plan };
+        let text = serde_json::to_string_pretty(&held).unwrap_or_default() + "\n";
+        write_durably(self.path.join(PLAN), |file| file.write_all(text.as_bytes()))?;
+        Ok(BlocksFolder::of(self.path, held))
+    }
+}
+
+fn ply(folder: &str, block: usize) -> String {
+    format!("{folder}/{}.ply", block + 1)
+}
+
+impl BlocksFolder {
+    /// Begins to prepare a folder in which there are no blocks yet.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where there are; [`Error::Path`] where it cannot be made.
+    pub fn prepare(path: &Path, options: WriteOptions3d) -> Result<Preparing, Error> {
+        Self::refuse_held(path)?;
+        for part in [STARTS, SCENES, RUNS] {
+            let part = path.join(part);
+            fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
+        }
+        Ok(Preparing { path: path.to_owned(), options, starts: Vec::new() })
+    }
+
+    /// Fails where a folder holds blocks.
+    ///
+    /// # Errors
+    /// [`Error::Folder`].
+    pub fn refuse_held(path: &Path) -> Result<(), Error> {
+        match path.join(PLAN).exists() {
+            false => Ok(()),
+            true => Err(Error::Folder {
+                folder: path.to_owned(),
+                what: "holds blocks already".to_owned(),
+                mend: "do them with gs blocks work, or choose another folder with --output",
+            }),
+        }
+    }
+
+    /// Opens the folder of blocks.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where there are none in it, and where they were prepared by another version of the program.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let wrong = |what: String, mend| Error::Folder { folder: path.to_owned(), what, mend };
+        let text = fs::read(path.join(PLAN)).map_err(|error| {
+            wrong(
+                format!("holds no blocks: {PLAN} cannot be read ({error})"),
+                "name the --output of a gs blocks prepare",
+            )
+        })?;
+        let damaged =
+            |error| wrong(format!("{PLAN} is damaged ({error})"), "prepare the blocks again in another folder");
+        let any: serde_json::Value = serde_json::from_slice(&text).map_err(damaged)?;
+        let version = any["version"].as_str().unwrap_or("(not stored)");
+        if version != VERSION {
+            let what = format!("was prepared by version {version} of gs, but this is {VERSION}");
+            return Err(wrong(what, "use that version, or prepare the blocks again in another folder"));
+        }
+        Ok(Self::of(path.to_owned(), serde_json::from_slice(&text).map_err(damaged)?))
+    }
+
+    fn of(path: PathBuf, held: Held) -> Self {
+        let plan = &held.plan;
+        let address = |(block, start): (&BlockPlan, &String)| {
+            let views: Vec<_> = block.views.iter().map(|view| &plan.views[view.view]).collect();
+            let parts = serde_json::to_string(&(&plan.settings, &plan.ground, block, views)).unwrap_or_default();
+            digest::of_texts([VERSION, &held.origin.machine.name, start, &parts])
+        };
+        let addresses = plan.blocks.iter().zip(&held.starts).map(address).collect();
+        Self { store: JobStore::new(&path), path, held, addresses }
+    }
+
+    /// Fails where another machine's results would not be those of the machine that the blocks were prepared for.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] with the difference.
+    pub fn check(&self, machine: &Machine) -> Result<(), Error> {
+        let prepared = &self.held.origin.machine.name;
+        if *prepared == machine.name {
+            return Ok(());
+        }
+        let what = format!("was prepared for {prepared}, but this is {}", machine.name);
+        let mend = "blocks have one backend and SIMD level for all machines: leave out flags that choose others";
+        Err(Error::Folder { folder: self.path.clone(), what, mend })
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &BlocksPlan {
+        &self.held.plan
+    }
+
+    /// What the blocks were prepared from.
+    pub fn origin(&self) -> &Origin {
+        &self.held.origin
+    }
+
+    /// The folder's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn store(&self) -> &JobStore {
+        &self.store
+    }
+
+    pub(super) fn addresses(&self) -> &[String] {
+        &self.addresses
+    }
+
+    /// The options to write its scenes with.
+    pub fn write_options(&self) -> WriteOptions3d {
+        let effects = self.plan().settings.render.effects;
+        let trained_with = TrainedWith::default().with(|s| {
+            s.antialias = Some(effects.antialias);
+            s.order = Some(effects.order);
+            s.frame = self.held.origin.frame;
+        });
+        WriteOptions3d::default().with(|s| s.trained_with = trained_with)
+    }
+
+    /// The Gaussians that a block begins with.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where they cannot be read, [`Error::Folder`] where they have changed.
+    pub fn start(&self, block: usize) -> Result<Scene3d, Error> {
+        self.scene(&ply(STARTS, block), &self.held.starts[block], "prepare the blocks again in another folder")
+    }
+
+    fn scene(&self, name: &str, expected: &str, mend: &'static str) -> Result<Scene3d, Error> {
+        let scene = read_3d(self.path.join(name))?.scene.with_degree(self.plan().settings.render.effects.sh_degree);
+        match digest::of_scene_3d(&scene) == expected {
+            true => Ok(scene),
+            false => {
+                Err(Error::Folder { folder: self.path.join(name), what: "is not what was stored".to_owned(), mend })
+            }
+        }
+    }
+
+    /// The record of a block, if it has ended. One that is damaged counts as missing.
+    ///
+    /// # Errors
+    /// [`Error::Jobs`] where it cannot be read.
+    pub fn record(&self, block: usize) -> Result<Option<BlockRecord>, Error> {
+        let Some(text) = self.store.read(&files::record(&self.addresses[block]))? else { return Ok(None) };
+        let record = serde_json::from_slice::<BlockRecord>(&text).ok();
+        Ok(record.filter(|record| record.address == self.addresses[block]))
+    }
+
+    /// Stores the result of a block, then its record. If another process has ended the block, its record stays.
+    ///
+    /// # Errors
+    /// [`Error::TwoResults`] where the other process came to another result; those of writing.
+    pub(super) fn store_result(
+        &self,
+        block: usize,
+        steps: u32,
+        seconds: f64,
+        scene: Scene3d,
+    ) -> Result<BlockOutcome, Error> {
+        let result = own(self.plan(), block, scene);
+        let found = digest::of_scene_3d(&result);
+        if let Some(BlockRecord { outcome: BlockOutcome::Finished { scene: recorded, .. }, .. }) = self.record(block)?
+            && recorded != found
+        {
+            return Err(Error::TwoResults { row: block + 1, run: "a block".to_owned(), recorded, found });
+        }
+        write_3d(self.path.join(ply(SCENES, block)), &result, &self.write_options())?;
+        let outcome = BlockOutcome::Finished { gaussians: result.len(), steps, seconds, scene: found };
+        self.store_record(block, outcome.clone())?;
+        Ok(outcome)
+    }
+
+    pub(super) fn store_record(&self, block: usize, outcome: BlockOutcome) -> Result<(), Error> {
+        let address = self.addresses[block].clone();
+        let name = files::record(&address);
+        let record = BlockRecord { address, outcome };
+        Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, &record)?))?)
+    }
+
+    /// Removes the records of blocks that failed and those that are damaged, so that the blocks are done again, and
+    /// what processes that died have left.
+    ///
+    /// # Errors
+    /// [`Error::Jobs`] where the folder cannot be read or written to.
+    pub fn forget_failures(&self) -> Result<(), Error> {
+        self.claims().sweep()?;
+        for block in 0..self.addresses.len() {
+            let finished =
+                matches!(self.record(block)?, Some(BlockRecord { outcome: BlockOutcome::Finished { .. }, .. }));
+            if !finished {
+                self.store.remove(&files::record(&self.addresses[block]))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn claims(&self) -> Claims {
+        let settings = WorkSettings::default();
+        Claims::new(self.store.clone(), settings.worker, settings.lease)
+    }
+
+    /// Who is doing each block that has not ended, `[blocks]`; `None` for blocks that nobody has claimed.
+    ///
+    /// # Errors
+    /// [`Error::Jobs`] where the folder cannot be read.
+    pub fn running(&self) -> Result<Vec<Option<RunningBlock>>, Error> {
+        let (listing, claims) = (Listing::of(&self.store)?, self.claims());
+        let of_block = |address: &String| {
+            let Some(generation) = listing.claimed.get(address).filter(|_| !listing.ended.contains(address)) else {
+                return Ok(None);
+            };
+            Ok(match claims.state(&files::claim(address, *generation))? {
+                State::Live { note, age } => {
+                    Some(RunningBlock { worker: note.map(|note| note.worker), age: Some(age) })
+                }
+                State::Expired { note } => Some(RunningBlock { worker: note.map(|note| note.worker), age: None }),
+                State::Released | State::Gone => None,
+            })
+        };
+        self.addresses.iter().map(of_block).collect()
+    }
+
+    /// The scene of all blocks, in their order.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where a block has no result; [`Error::Io`] where it cannot be read.
+    pub fn merged(&self) -> Result<Scene3d, Error> {
+        let wrong = |what, mend| Error::Folder { folder: self.path.clone(), what, mend };
+        let mut merged = Scene3d { sh_degree: self.plan().settings.render.effects.sh_degree, ..Scene3d::default() };
+        for block in 0..self.addresses.len() {
+            let scene = match self.record(block)?.map(|record| record.outcome) {
+                Some(BlockOutcome::Finished { scene, .. }) => scene,
+                Some(BlockOutcome::Failed { error }) => {
+                    let what = format!("block {} failed: {error}", block + 1);
+                    return Err(wrong(what, "do it again with gs blocks work --retry"));
+                }
+                None => {
+                    let what = format!("block {} has not been done", block + 1);
+                    return Err(wrong(what, "do it with gs blocks work"));
+                }
+            };
+            let mend = "remove the block's record in runs, and do it again with gs blocks work";
+            merged.append(self.scene(&ply(SCENES, block), &scene, mend)?);
+        }
+        Ok(merged)
+    }
+}

@@ -1,0 +1,63 @@
+//! A map of blocks: cells, cameras and counts.
+
+use std::fmt::Write as _;
+
+use glam::DVec2;
+use gs_core::{Camera, memory::amount};
+use gs_train::blocks::{BlockPlan, BlocksPlan};
+
+/// Longer side of the map, px.
+const SIDE: f64 = 900.0;
+
+/// What is shown around the ground that has work, as a share of its sides.
+const AROUND: f64 = 0.15;
+
+/// The map of a plan as SVG, seen from above with the forward direction upwards. `cameras` are those of the training
+/// views.
+pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>) -> String {
+    let [least, most] = plan.frame;
+    let around = AROUND * (most - least).max(DVec2::splat(1e-9));
+    let (least, most) = (least - around, most + around);
+    let zoom = SIDE / (most - least).max_element();
+    let size = zoom * (most - least);
+    let at = |place: DVec2| {
+        let from_corner = zoom * (place.clamp(least, most) - least);
+        DVec2::new(from_corner.x, size.y - from_corner.y)
+    };
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0} {:.0}\" font-family=\"sans-serif\" \
+         font-size=\"14\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n",
+        size.x, size.y
+    );
+    for (number, block) in plan.blocks.iter().enumerate() {
+        let bound = |bounds: [Option<f64>; 2], open: DVec2| {
+            DVec2::new(bounds[0].unwrap_or(open.x), bounds[1].unwrap_or(open.y))
+        };
+        let (a, b) = (at(bound(block.cell.from, least)), at(bound(block.cell.to, most)));
+        let (corner, sides, middle) = (a.min(b), (a - b).abs(), 0.5 * (a + b));
+        let _ = writeln!(
+            svg,
+            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"#eef3fb\" stroke=\"#24508a\"/>",
+            corner.x, corner.y, sides.x, sides.y
+        );
+        for (line, text) in words(number, block).iter().enumerate() {
+            let y = middle.y + 18.0 * (line as f64 - 1.5);
+            let _ = writeln!(svg, "<text x=\"{:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{text}</text>", middle.x);
+        }
+    }
+    for camera in cameras {
+        let place = at(plan.ground.place(camera.position()));
+        let _ = writeln!(svg, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"#c4451c\"/>", place.x, place.y);
+    }
+    svg + "</svg>\n"
+}
+
+fn words(number: usize, block: &BlockPlan) -> [String; 4] {
+    let BlockPlan { views, fixed, own, gaussians, steps, memory, .. } = block;
+    [
+        format!("block {}", number + 1),
+        format!("{} views, {steps} steps", views.len()),
+        format!("{own} Gaussians to {}, {fixed} fixed", gaussians - fixed),
+        amount(*memory),
+    ]
+}

@@ -1,0 +1,125 @@
+//! The result of all blocks.
+
+use gs_core::{
+    Camera, Culled, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
+    examination::Examinable as _,
+    metrics::{mean, psnr_of_mse},
+};
+use serde::{Deserialize, Serialize};
+
+use super::plan::BlocksPlan;
+use crate::{
+    error::Error,
+    train::{Evaluation, PosedView, evaluate as evaluate_views},
+};
+
+/// Distance from the edge of a cell, as a share of the cell's side, up to which pixels are near it.
+const NEAR: f64 = 0.05;
+
+/// The Gaussians of a block's trained scene that belong to the block: those that were not fixed and whose means lie in
+/// its cell.
+///
+/// # Panics
+/// Where there is no such block.
+pub fn own(plan: &BlocksPlan, block: usize, mut scene: Scene3d) -> Scene3d {
+    let (fixed, cell) = (plan.blocks[block].fixed as usize, plan.blocks[block].cell);
+    let is_own = |index: usize| index >= fixed && cell.contains(plan.ground.place(scene.means[index]));
+    let keep: Vec<bool> = (0..scene.len()).map(is_own).collect();
+    scene.retain(&keep);
+    scene
+}
+
+/// Quality over the held-out views to which a block contributes most.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BlockQuality {
+    /// Number of these views.
+    pub views: usize,
+    /// Mean of their PSNR, dB; `None` without such views.
+    pub psnr: Option<f64>,
+    /// Mean of their SSIM.
+    pub ssim: Option<f64>,
+}
+
+/// Quality over the pixels of all held-out views that show places near the edge of a cell, and over all others.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Edges {
+    /// Number of pixels near an edge.
+    pub pixels: u64,
+    /// PSNR of all pixels near an edge together, dB; `None` without any.
+    pub near: Option<f64>,
+    /// PSNR of all other pixels together, dB.
+    pub rest: Option<f64>,
+}
+
+/// Evaluates a scene on the held-out views, all together, by block, and near the edges of the cells.
+///
+/// # Errors
+/// Those of [`train::evaluate`](crate::train::evaluate); [`Error::OtherViews`] for other views than those of the plan.
+pub async fn evaluate<R: Rasterizer<Scene3d>>(
+    on: &R,
+    plan: &BlocksPlan,
+    scene: &Scene3d,
+    views: &[PosedView],
+    render: &RenderSettings,
+) -> Result<(Evaluation, Vec<BlockQuality>, Edges), Error> {
+    if views.len() != plan.held_out.len() {
+        return Err(Error::OtherViews { expected: plan.held_out.len(), found: views.len() });
+    }
+    let evaluation = evaluate_views(on, scene, views, render).await?;
+    let of_block = |block: usize| {
+        let names = || views.iter().zip(&plan.held_out).filter(|(_, most)| **most == block).map(|(view, _)| &view.name);
+        let measured = evaluation.views.iter().filter(|view| names().any(|name| *name == view.name));
+        let (psnr, ssim): (Vec<f64>, Vec<f64>) = measured.map(|view| (view.psnr, view.ssim)).unzip();
+        let some = |values: Vec<f64>| (!values.is_empty()).then(|| mean(values));
+        BlockQuality { views: psnr.len(), psnr: some(psnr), ssim: some(ssim) }
+    };
+    let by_block = (0..plan.blocks.len()).map(of_block).collect();
+    let edges = near_edges(on, plan, scene, views, render).await?;
+    Ok((evaluation, by_block, edges))
+}
+
+/// Pixels are near an edge if the ground below what they show is.
+async fn near_edges<R: Rasterizer<Scene3d>>(
+    on: &R,
+    plan: &BlocksPlan,
+    scene: &Scene3d,
+    views: &[PosedView],
+    render: &RenderSettings,
+) -> Result<Edges, Error> {
+    let splats = on.upload(scene, Parameterization::ScaleRotation)?;
+    let covered = render.of_alpha();
+    let inverse = covered.with(|s| s.output = Output::InverseDepth);
+    // Squared errors and numbers of pixels: the rest, and near an edge.
+    let mut sums = [(0.0, 0_u64); 2];
+    for view in views {
+        let draw = async |settings: &RenderSettings| on.draw(&splats, &view.camera, settings).await;
+        let [(image, Culled { .. }), (alpha, _), (inverse, _)] =
+            [draw(render).await?, draw(&covered).await?, draw(&inverse).await?];
+        let (image, posed) = (image.rounded_to_8_bits(), view.image()?);
+        let mask = posed.mask.clone();
+        let target = posed.over(render.background_color())?.clamped();
+        for (index, (found, wanted)) in image.pixels().iter().zip(target.pixels()).enumerate() {
+            if mask.as_ref().is_some_and(|mask| !mask[index]) {
+                continue;
+            }
+            let depth = alpha.pixels()[index][0] / inverse.pixels()[index][0];
+            let is_near = depth.is_finite() && depth > 0.0 && is_near(plan, &view.camera, index, depth);
+            let sum = &mut sums[usize::from(is_near)];
+            sum.0 += found.iter().zip(wanted).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;
+            sum.1 += 1;
+        }
+    }
+    let [rest, near] = sums.map(|(sum, pixels)| (pixels > 0).then(|| psnr_of_mse(sum / pixels as f64)));
+    Ok(Edges { pixels: sums[1].1, near, rest })
+}
+
+fn is_near(plan: &BlocksPlan, camera: &Camera, index: usize, depth: f32) -> bool {
+    let (x, y) = (index as u32 % camera.width, index as u32 / camera.width);
+    let at = (glam::Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - camera.center) / camera.focal;
+    let point = camera.rotation.transpose() * (at.extend(1.0) * depth - camera.translation);
+    let place = plan.ground.place(point);
+    let holding = plan.blocks.iter().find(|block| block.cell.contains(place));
+    holding.is_some_and(|block| block.cell.edge_distance(place, plan.frame) < NEAR)
+}
