@@ -78,6 +78,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Command::Effects(args) => commands::price::effects::run(&args),
         Command::Paper(args) => commands::paper::run(&args),
         Command::Popping(args) => commands::price::popping::run(&args),
+        Command::Blocks(args) => commands::blocks::run(&args),
         Command::Study(args) => commands::study::run(&args),
         Command::Frontier(args) => commands::price::frontier::run(&args),
         #[cfg(feature = "manual")]

@@ -12,6 +12,7 @@ use gs_density::Policy;
 
 use crate::{
     commands::{
+        blocks::BlocksArgs,
         convert::ConvertArgs,
         doctor::DoctorArgs,
         edit::EditArgs,
@@ -100,6 +101,8 @@ pub(crate) enum Command {
     Poses(Box<PosesArgs>),
     /// Train a 3D scene from posed images, photographs or a video
     Train(Box<TrainArgs>),
+    /// Train a large 3D scene in blocks, which any number of processes and machines share
+    Blocks(Box<BlocksArgs>),
     /// Render a scene as a PNG of any size, or from moving cameras
     #[command(visible_alias = "decode")]
     Render(Box<RenderArgs>),

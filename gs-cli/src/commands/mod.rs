@@ -1,5 +1,6 @@
 //! The commands.
 
+pub(crate) mod blocks;
 pub(crate) mod convert;
 pub(crate) mod doctor;
 pub(crate) mod edit;

@@ -7,13 +7,15 @@ use gs_io::{
     File3d,
     dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset},
 };
+use serde::{Deserialize, Serialize};
 
 use super::values::{by_name, whole};
 use crate::{failure::Failure, terminal::output::printable};
 
 /// How any data set is read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Args, Serialize, Deserialize)]
 #[command(next_help_heading = "Data sets")]
+#[serde(rename_all = "kebab-case")]
 pub(crate) struct ReadingArgs {
     /// Scale down images whose longer side has more pixels; none keeps all pixels
     #[arg(long, value_name = "PX", default_value_t)]
@@ -57,8 +59,9 @@ pub(crate) fn remark_text(remark: &Remark) -> String {
 }
 
 /// How a data set is read to train or to evaluate with its images.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Args, Serialize, Deserialize)]
 #[command(next_help_heading = "Data sets")]
+#[serde(rename_all = "kebab-case")]
 pub(crate) struct DatasetArgs {
     /// Hold out every N-th view by name for tests, whatever the data set says; 0 holds out none
     /// [default: what the data set says, or else 8]
@@ -100,7 +103,7 @@ impl DatasetArgs {
 }
 
 /// The most pixels of an image's longer side, a number or none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct MaxSize(pub(crate) Option<NonZeroU32>);
 
 impl Default for MaxSize {

@@ -2,6 +2,7 @@
 
 pub(crate) mod backend;
 pub(crate) mod cameras;
+pub(crate) mod cluster;
 pub(crate) mod dataset;
 pub(crate) mod effects_args;
 pub(crate) mod render_args;

@@ -52,6 +52,21 @@ pub(crate) struct RunArgs {
 }
 
 impl RunArgs {
+    /// Flags of a run that writes into this folder, and keeps its last checkpoint in this file.
+    pub(crate) fn within(output: PathBuf, overwrite: OverwriteArgs, checkpoint: PathBuf, backend: BackendArgs) -> Self {
+        Self {
+            output,
+            overwrite,
+            json: false,
+            no_report: false,
+            verbose: false,
+            checkpoint: Some(checkpoint),
+            checkpoint_every: None,
+            effects: EffectsArgs::default(),
+            backend,
+        }
+    }
+
     /// A run with these flags that writes into this folder and reads these files, besides the checkpoint
     /// that it resumes.
     ///

@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use gs_core::{Scene as _, Scene3d};
+use gs_core::{RenderSettings, Scene as _, Scene3d};
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, read_3d, write_3d, write_durably};
 use gs_jobs::{
     Claims, JobStore, Keep, Listing, State, WorkSettings,
@@ -135,21 +135,32 @@ impl Preparing {
     }
 }
 
+/// The options to write scenes with that are drawn with these settings.
+fn write_options(render: &RenderSettings, origin: &Origin) -> WriteOptions3d {
+    let trained_with = TrainedWith::default().with(|s| {
+        s.antialias = Some(render.effects.antialias);
+        s.order = Some(render.effects.order);
+        s.frame = origin.frame;
+    });
+    WriteOptions3d::default().with(|s| s.trained_with = trained_with)
+}
+
 fn ply(folder: &str, block: usize) -> String {
     format!("{folder}/{}.ply", block + 1)
 }
 
 impl BlocksFolder {
-    /// Begins to prepare a folder in which there are no blocks yet.
+    /// Begins to prepare a folder in which there are no blocks yet. `render` draws the scenes.
     ///
     /// # Errors
     /// [`Error::Folder`] where there are; [`Error::Path`] where it cannot be made.
-    pub fn prepare(path: &Path, options: WriteOptions3d) -> Result<Preparing, Error> {
+    pub fn prepare(path: &Path, render: &RenderSettings, origin: &Origin) -> Result<Preparing, Error> {
         Self::refuse_held(path)?;
         for part in [STARTS, SCENES, RUNS] {
             let part = path.join(part);
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
         }
+        let options = write_options(render, origin);
         Ok(Preparing { path: path.to_owned(), options, starts: Vec::new() })
     }
 
@@ -241,13 +252,7 @@ impl BlocksFolder {
 
     /// The options to write its scenes with.
     pub fn write_options(&self) -> WriteOptions3d {
-        let effects = self.plan().settings.render.effects;
-        let trained_with = TrainedWith::default().with(|s| {
-            s.antialias = Some(effects.antialias);
-            s.order = Some(effects.order);
-            s.frame = self.held.origin.frame;
-        });
-        WriteOptions3d::default().with(|s| s.trained_with = trained_with)
+        write_options(&self.plan().settings.render, &self.held.origin)
     }
 
     /// The Gaussians that a block begins with.

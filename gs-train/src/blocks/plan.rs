@@ -11,7 +11,7 @@ use super::{
 use crate::{
     error::Error,
     run::Recovery,
-    train::{DepthLoss, Exposure, RefinePoses, TrainSettings, Views, shown},
+    train::{DepthLoss, Exposure, RefinePoses, TrainSettings, Views, extent_of, shown},
     views::{ColorMap, possible, reduced_camera},
 };
 
@@ -33,7 +33,11 @@ pub struct BlocksSettings {
 }
 
 impl BlocksSettings {
-    fn validate(&self) -> Result<(), CoreError> {
+    /// Checks the ranges of all settings.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] naming the first value outside its range.
+    pub fn validate(&self) -> Result<(), CoreError> {
         let Self { grid: Grid { columns, rows }, margin, threshold } = *self;
         if columns == 0 || rows == 0 {
             return Err(CoreError::setting("the number of blocks", format!("{columns}x{rows}"), "at least 1x1"));
@@ -130,11 +134,13 @@ impl BlocksPlan {
         model: &Scene3d,
         views: &Views,
         settled: Vec<SettledView>,
-        settings: TrainSettings,
+        mut settings: TrainSettings,
         division: BlocksSettings,
         mut store: impl FnMut(usize, &Scene3d) -> Result<(), Error>,
     ) -> Result<Self, Error> {
         division.validate()?;
+        let all: Vec<Camera> = views.train_cameras().copied().collect();
+        settings.extent.get_or_insert_with(|| extent_of(&all, &model.means));
         settings.validate()?;
         let ground = Ground::of(model);
         let places: Vec<_> = model.means.iter().map(|mean| ground.place(*mean)).collect();

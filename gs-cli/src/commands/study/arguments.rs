@@ -3,12 +3,15 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_jobs::Shard;
 use gs_lab::study::Selection;
 
 use crate::{
     files::output_folder::OverwriteArgs,
-    flags::{backend::BackendArgs, values::whole},
+    flags::{
+        backend::BackendArgs,
+        cluster::{SlurmArgs, WorkerArgs},
+        values::whole,
+    },
 };
 
 const AFTER_HELP: &str = concat!(
@@ -221,13 +224,8 @@ status shows it.")]
 pub(crate) struct WorkArgs {
     #[command(flatten)]
     pub(crate) study: HeldStudyArgs,
-    /// Begin with part I (from 0) of N, then help with the others; with more than fifty processes,
-    /// give each its own [default: the task of a Slurm array, or none]
-    #[arg(long, value_name = "I/N", value_parser = shard)]
-    pub(crate) shard: Option<Shard>,
-    /// Seconds without a sign of life after which others take over this process' runs
-    #[arg(long, value_name = "S", default_value_t = 120, value_parser = whole::<u32>(1..=86_400))]
-    pub(crate) lease: u32,
+    #[command(flatten)]
+    pub(crate) worker: WorkerArgs,
     /// Runs in parallel, each with its share of the threads; the tables do not depend on it
     #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
     pub(crate) jobs: u16,
@@ -235,48 +233,16 @@ pub(crate) struct WorkArgs {
     pub(crate) backend: BackendArgs,
 }
 
-/// A part of a study, written I/N.
-fn shard(text: &str) -> Result<Shard, String> {
-    let parsed = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
-    match parsed {
-        Some((index, count)) if index < count => Ok(Shard { index, count }),
-        Some((index, count)) => Err(format!("parts are counted from 0: {index} is not less than {count}")),
-        None => Err("write it as I/N, such as 0/4".to_owned()),
-    }
-}
-
-/// Heading of the flags that sbatch takes.
-const SLURM: &str = "Slurm";
-
 /// A study to hand to Slurm.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct SubmitArgs {
     #[command(flatten)]
     pub(crate) study: PrepareArgs,
-    /// Number of tasks; each does runs until none is left
-    #[arg(long, help_heading = SLURM, value_name = "N", value_parser = whole::<u32>(1..=1_000_000))]
-    pub(crate) array: u32,
-    /// Cores of each task
-    #[arg(long, help_heading = SLURM, value_name = "CORES", default_value_t = 1, value_parser = whole::<u16>(1..=1024))]
-    pub(crate) cpus: u16,
+    #[command(flatten)]
+    pub(crate) slurm: SlurmArgs,
     /// Runs in parallel in each task
     #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
     pub(crate) jobs: u16,
-    /// Time limit of each task, as sbatch takes it: 90 (minutes), 12:00:00, 2-00
-    #[arg(long, help_heading = SLURM, value_name = "TIME", value_parser = word)]
-    pub(crate) time: Option<String>,
-    /// Partition of the cluster
-    #[arg(long, help_heading = SLURM, value_name = "NAME", value_parser = word)]
-    pub(crate) partition: Option<String>,
-    /// Further options of sbatch, such as --account=physics --gres=gpu:1
-    #[arg(last = true, help_heading = SLURM, value_name = "OPTION", value_parser = word)]
-    pub(crate) options: Vec<String>,
-}
-
-/// A value that is one word of a script.
-fn word(text: &str) -> Result<String, String> {
-    let is_word = !text.is_empty() && text.chars().all(|c| c.is_ascii_graphic() && !"\"'`$\\#;&|<>".contains(c));
-    if is_word { Ok(text.to_owned()) } else { Err("must be one word without quotes and signs of the shell".to_owned()) }
 }
 
 /// A study to report on.

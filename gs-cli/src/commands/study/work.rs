@@ -3,12 +3,10 @@
 use std::{
     fmt::Display,
     sync::atomic::{AtomicUsize, Ordering},
-    time::Duration,
 };
 
 use gs_backend::Chosen;
 use gs_core::counted;
-use gs_jobs::{AtEnd, WorkSettings, slurm};
 use gs_lab::{
     Plan, conduct,
     run::{Conducted, RunOutcome, Watcher},
@@ -35,16 +33,10 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     let backends = open(args, folder.machine())?;
     let plan = held.plan(Machine::of(&backends[0].rasterizer))?;
     folder.check(&plan)?;
-    let settings = WorkSettings::default().with(|s| {
-        s.shard = args.shard.or_else(slurm::shard);
-        s.lease = Duration::from_secs(args.lease.into());
-        s.at_end = AtEnd::Leave;
-        s.worker.extend(slurm::task().map(|task| format!(", job {task}")));
-    });
     output::note(&backends[0].reason);
     let printer = Printer::above(None);
     let log = Log { plan: &plan, interrupt: Interrupt::listen(printer, AT_NEXT_STEP), done: AtomicUsize::new(0) };
-    let conducted = conduct(&plan, &rasterizers(&backends), folder, &settings, &log)?;
+    let conducted = conduct(&plan, &rasterizers(&backends), folder, &args.worker.settings(), &log)?;
     let done = counted(log.done.into_inner(), "run");
     let folder = quoted(folder.path());
     match conducted {

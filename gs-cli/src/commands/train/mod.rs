@@ -25,7 +25,10 @@ use gs_train::{
     train::{RefinePoses, Start, Views},
 };
 
-pub(crate) use self::arguments::TrainArgs;
+pub(crate) use self::{
+    arguments::{TrainArgs, TrainSettingsArgs},
+    settings::settings,
+};
 use self::{results::Results, time_limit::TimeLimit};
 use crate::{
     commands::poses,

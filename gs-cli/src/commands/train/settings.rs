@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// The settings that the flags ask for, for this data set.
-pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
+pub(crate) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
     let settings = match &args.settings {
         Some(file) => {
             let settings = TrainSettings::from_toml(&read_settings_text(file)?, file).map_err(|error| {

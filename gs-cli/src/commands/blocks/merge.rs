@@ -1,0 +1,94 @@
+//! `gs blocks merge`: one scene of all blocks, and its quality.
+
+use gs_backend::FutureExt as _;
+use gs_core::{Scene as _, Scene3d, counted};
+use gs_io::{Inputs, write_3d};
+use gs_lab::blocks::BlocksFolder;
+use gs_train::{
+    blocks::{BlockQuality, Edges, evaluate},
+    train::{Evaluation, Views},
+};
+use serde::Serialize;
+
+use super::{arguments::MergeArgs, open, views};
+use crate::{
+    failure::Failure,
+    files::{
+        output_folder::{self, OutputFolder},
+        scene,
+    },
+    terminal::output,
+};
+
+const SCENE: &str = "scene.ply";
+const EVALUATION: &str = "evaluation.json";
+
+/// What is written about the scene.
+#[derive(Serialize)]
+struct Report {
+    #[serde(flatten)]
+    whole: Evaluation,
+    blocks: Vec<BlockQuality>,
+    edges: Edges,
+}
+
+/// Joins the blocks, or evaluates another scene.
+pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
+    let folder = open(&args.folder)?;
+    let claim = args.overwrite.claim(folder.path(), [SCENE, EVALUATION], Inputs::default());
+    let merged = match &args.compare {
+        Some(other) => {
+            let mut file = scene::read_3d(other)?;
+            file.move_to(folder.origin().frame);
+            file.scene
+        }
+        None => {
+            output_folder::check(&claim)?;
+            let (merged, output) = (folder.merged()?, OutputFolder::begin(claim.clone())?);
+            write_3d(output.file(SCENE), &merged, &folder.write_options())?;
+            output::note(format_args!(
+                "{} of {} in {}",
+                counted(merged.len(), "Gaussian"),
+                counted(folder.plan().blocks.len(), "block"),
+                folder.path().join(SCENE).display()
+            ));
+            merged
+        }
+    };
+    let views = views(&folder, &args.data)?;
+    if views.test.is_empty() {
+        output::note("note: no view is held out, so the scene is not evaluated");
+        return Ok(());
+    }
+    let report = report(args, &folder, &merged, &views)?;
+    if args.compare.is_none() {
+        OutputFolder::begin(claim)?.write_json(EVALUATION, &report)?;
+    }
+    output::result(table(&report))
+}
+
+fn report(args: &MergeArgs, folder: &BlocksFolder, scene: &Scene3d, views: &Views) -> Result<Report, Failure> {
+    let plan = folder.plan();
+    let mut render = plan.settings.render;
+    render.effects.sh_degree = scene.sh_degree;
+    let views = Views { keep_bytes: 0, ..views.clone() }.cached();
+    let backend = args.backend.or_recorded(&folder.origin().machine).open()?;
+    let (whole, blocks, edges) = evaluate(&backend.rasterizer, plan, scene, &views.test, &render).block_on()?;
+    Ok(Report { whole, blocks, edges })
+}
+
+fn table(Report { whole, blocks, edges }: &Report) -> String {
+    let cell =
+        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"));
+    let mut text = format!("{:<24} {:>5} {:>8} {:>8}\n", "held-out views", "views", "PSNR, dB", "SSIM");
+    let mut row = |what: String, views: String, psnr, ssim| {
+        text += &format!("{what:<24} {views:>5} {:>8} {:>8}\n", cell(psnr, 3), cell(ssim, 4));
+    };
+    for (number, BlockQuality { views, psnr, ssim }) in blocks.iter().enumerate() {
+        row(format!("mostly block {}", number + 1), views.to_string(), *psnr, *ssim);
+    }
+    row("all".to_owned(), whole.views.len().to_string(), Some(whole.psnr), Some(whole.ssim));
+    row("pixels near cell edges".to_owned(), String::new(), edges.near, None);
+    row("other pixels".to_owned(), String::new(), edges.rest, None);
+    text.trim_end().to_owned()
+}

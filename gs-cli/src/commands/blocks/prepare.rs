@@ -1,0 +1,123 @@
+//! `gs blocks prepare`: the coarse model, and the plan.
+
+use std::{collections::BTreeMap, fs, path::PathBuf};
+
+use gs_backend::FutureExt as _;
+use gs_core::{Scene as _, counted, effects::Antialias, memory::amount};
+use gs_io::{Inputs, read_checkpoint};
+use gs_lab::{
+    blocks::{BlocksFolder, Origin, map},
+    study::Machine,
+};
+use gs_train::{
+    blocks::{BlocksPlan, BlocksSettings, settle},
+    train::Views,
+};
+
+use super::{IMAGE_MEMORY, arguments::PrepareArgs};
+use crate::{
+    commands::train::{self, TrainArgs, TrainSettingsArgs},
+    failure::Failure,
+    files::{
+        output_folder::{self, OutputFolder},
+        scene,
+    },
+    flags::{
+        cluster::absolute,
+        dataset::{DatasetArgs, ReadingArgs},
+    },
+    terminal::output::{self, quoted},
+    training::arguments::RunArgs,
+};
+
+const MAP: &str = "map.svg";
+const COARSE: &str = "coarse";
+const CHECKPOINT: &str = "checkpoint.safetensors";
+
+/// Trains the coarse model, and plans the blocks.
+pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
+    if args.settings.minutes.is_some() {
+        let message = "--minutes: blocks have no time limit, as any number of processes do them";
+        return Err(Failure::usage(message).hint("use --iterations"));
+    }
+    BlocksFolder::refuse_held(&args.output)?;
+    let claim = args.overwrite.claim(&args.output, [MAP], Inputs::from_iter([&args.dataset]));
+    output_folder::check(&claim)?;
+    let dataset = args.images.read(&args.dataset)?;
+    let mut settings = train::settings(&args.settings, &dataset)?;
+    let division = BlocksSettings { grid: args.blocks.0, margin: args.margin, threshold: args.threshold };
+    division.validate().map_err(Failure::usage)?;
+    let coarse = match &args.model {
+        Some(model) => model.clone(),
+        None => train_coarse(args)?,
+    };
+    let mut model = scene::read_3d(&coarse)?;
+    if args.settings.antialias.is_none() && args.settings.settings.is_none() {
+        settings.render.effects.antialias = model.trained_with.antialias.unwrap_or(Antialias::Dilate);
+    }
+    model.scene = model.scene.with_degree(settings.render.effects.sh_degree);
+    let dataset = args.images.read_for(&model, &args.dataset)?;
+    let mut views = Views { keep_bytes: IMAGE_MEMORY, ..Views::of_dataset(&dataset) };
+    let checkpoint = coarse.join(CHECKPOINT);
+    let metadata = match checkpoint.is_file() {
+        true => read_checkpoint(&checkpoint)?.metadata,
+        false => BTreeMap::new(),
+    };
+    let settled = settle(&mut views, &metadata).map_err(|error| Failure::from(error).at(checkpoint.display()))?;
+    let backend = args.backend.open()?;
+    output::note(&backend.reason);
+    let output = OutputFolder::begin(claim)?;
+    let origin = Origin {
+        machine: Machine::of(&backend.rasterizer),
+        dataset: absolute(&args.dataset)?,
+        reading: serde_json::to_value(&args.images).map_err(Failure::failed)?,
+        frame: dataset.frame,
+    };
+    let mut preparing = BlocksFolder::prepare(&args.output, &settings.render, &origin)?;
+    let store = |block: usize, scene: &_| Ok(preparing.store(block, scene)?);
+    let plan =
+        BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()?;
+    output.write(MAP, map(&plan, views.train_cameras()))?;
+    let folder = preparing.finish(origin, plan)?;
+    summary(&folder, model.scene.len(), views.train.len())
+}
+
+/// Trains the coarse model, and returns its folder.
+fn train_coarse(args: &PrepareArgs) -> Result<PathBuf, Failure> {
+    let folder = args.output.join(COARSE);
+    fs::create_dir_all(&folder).map_err(|error| Failure::failed(error).at(folder.display()))?;
+    let run = RunArgs::within(folder.clone(), args.overwrite, folder.join(CHECKPOINT), args.backend.clone());
+    train::run(&TrainArgs {
+        dataset: args.dataset.clone(),
+        images: DatasetArgs {
+            reading: ReadingArgs { max_size: args.coarse_max_size(), ..args.images.reading },
+            ..args.images.clone()
+        },
+        settings: TrainSettingsArgs { gaussians: args.coarse_gaussians, exactly: false, ..args.settings.clone() },
+        run,
+        image_memory: None,
+        resume: None,
+    })?;
+    Ok(folder)
+}
+
+fn summary(folder: &BlocksFolder, coarse: usize, views: usize) -> Result<(), Failure> {
+    let plan = folder.plan();
+    if let Some(first) = plan.unused.first() {
+        let count = counted(plan.unused.len(), "view");
+        output::note(format_args!("note: {count} show nothing of the coarse model and are not used (first: {first})"));
+    }
+    let used: usize = plan.blocks.iter().map(|block| block.views.len()).sum();
+    let most = plan.blocks.iter().map(|block| block.memory).max().unwrap_or_default();
+    let path = folder.path();
+    output::result(format_args!(
+        "{} of {} and {views} views: each view is in {:.2} blocks in the mean, and a block takes at most about {} of \
+         memory; see {}; do them with gs blocks work {}",
+        counted(plan.blocks.len(), "block"),
+        counted(coarse, "coarse Gaussian"),
+        used as f64 / views as f64,
+        amount(most),
+        path.join(MAP).display(),
+        quoted(path)
+    ))
+}

@@ -1,0 +1,38 @@
+//! `gs blocks status`: which blocks have ended, and who is doing others.
+
+use gs_core::counted;
+use gs_lab::blocks::{BlockOutcome, RunningBlock};
+
+use super::{arguments::FolderArgs, open};
+use crate::{failure::Failure, flags::cluster::print_slurm_states, terminal::output};
+
+/// Prints a line for each block.
+pub(super) fn run(args: &FolderArgs) -> Result<(), Failure> {
+    let folder = open(args)?;
+    let (blocks, running) = (&folder.plan().blocks, folder.running()?);
+    let mut ended = 0;
+    let mut lines = Vec::new();
+    for (block, (planned, running)) in blocks.iter().zip(running).enumerate() {
+        let state = match (folder.record(block)?.map(|record| record.outcome), running) {
+            (Some(BlockOutcome::Finished { gaussians, seconds, .. }), _) => {
+                ended += 1;
+                format!("{} after {seconds:.1} s", counted(gaussians, "Gaussian"))
+            }
+            (Some(BlockOutcome::Failed { error }), _) => format!("failed: {error}"),
+            (_, Some(RunningBlock { worker, age })) => {
+                let worker = worker.unwrap_or_else(|| "a process that has just begun".to_owned());
+                let age = age.map_or_else(
+                    || "died".to_owned(),
+                    |age| format!("last sign of life {:.0} s ago", age.as_secs_f64()),
+                );
+                format!("{worker}: {age}")
+            }
+            _ => "free".to_owned(),
+        };
+        let (views, steps) = (counted(planned.views.len(), "view"), counted(planned.steps, "step"));
+        lines.push(format!("block {} ({views}, {steps}): {state}", block + 1));
+    }
+    output::result(format_args!("{ended} of {} done", counted(blocks.len(), "block")))?;
+    lines.iter().try_for_each(output::result)?;
+    print_slurm_states(folder.path(), "blocks")
+}
