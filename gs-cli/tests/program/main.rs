@@ -3,6 +3,7 @@
 
 mod backends;
 mod bad_input;
+mod blocks;
 mod compressed;
 mod convert;
 mod datasets;

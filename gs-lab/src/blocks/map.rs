@@ -9,14 +9,21 @@ use gs_train::blocks::{BlockPlan, BlocksPlan};
 /// Longer side of the map, px.
 const SIDE: f64 = 900.0;
 
-/// What is shown around the ground that has work, as a share of its sides.
+/// What is shown around all cameras and bounds of cells, as a share of its sides.
 const AROUND: f64 = 0.15;
 
 /// The map of a plan as SVG, seen from above with the forward direction upwards. `cameras` are those of the training
 /// views.
 pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>) -> String {
-    let [least, most] = plan.frame;
-    let around = AROUND * (most - least).max(DVec2::splat(1e-9));
+    let cameras: Vec<DVec2> = cameras.into_iter().map(|camera| plan.ground.place(camera.position())).collect();
+    let (mut least, mut most) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    cameras.iter().for_each(|place| (least, most) = (least.min(*place), most.max(*place)));
+    for axis in [0, 1] {
+        for bound in plan.blocks.iter().flat_map(|block| [block.cell.from[axis], block.cell.to[axis]]).flatten() {
+            (least[axis], most[axis]) = (least[axis].min(bound), most[axis].max(bound));
+        }
+    }
+    let around = AROUND * (most - least).max_element().max(1e-9);
     let (least, most) = (least - around, most + around);
     let zoom = SIDE / (most - least).max_element();
     let size = zoom * (most - least);
@@ -45,8 +52,8 @@ pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>)
             let _ = writeln!(svg, "<text x=\"{:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{text}</text>", middle.x);
         }
     }
-    for camera in cameras {
-        let place = at(plan.ground.place(camera.position()));
+    for place in cameras {
+        let place = at(place);
         let _ = writeln!(svg, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"#c4451c\"/>", place.x, place.y);
     }
     svg + "</svg>\n"

@@ -6,21 +6,23 @@ use gs_core::{
     effects::Statistics,
 };
 
-use super::window::Window;
+use super::window::{Counts, Window};
 use crate::{
     edit::{blending_weights, colorless},
     error::Error,
     train::plain,
+    views::{possible, reduced_camera},
 };
 
 /// Blocks whose contributions are drawn at once: one for each channel.
 const AT_ONCE: usize = 3;
 
-/// Share of a pixel's weight from which a block contributes to it.
-const COUNTS: f32 = 0.1;
+/// Share of a block's weights in a view that may lie beyond each side of its window: a few pixels far from all others
+/// would make windows whole views.
+const BEYOND: f64 = 0.03;
 
 /// What is added to a window at each side, as a share of the window's side: what lies near it changes little in it.
-const PADDING: f32 = 0.1;
+const PADDING: f32 = 0.05;
 
 /// Share of a view's pixels from which a window is the whole view.
 const WHOLE: f64 = 0.8;
@@ -94,29 +96,73 @@ impl<'a, R: Rasterizer<Scene3d>> Coarse<'a, R> {
     }
 }
 
+/// A Gaussian without view-dependent colour, white or black.
+fn marked(is_white: bool) -> Vec3 {
+    Vec3::splat(if is_white { 0.5 } else { -0.5 } / SH_C0)
+}
+
+/// The pixels of views to which the Gaussians of a block that are not fixed contribute most: the others say how wrong
+/// the fixed ones are. Of each view, `cameras` has the camera and the divisor of its sides for a look.
+pub(super) async fn counts<R: Rasterizer<Scene3d>>(
+    on: &R,
+    start: &Scene3d,
+    fixed: usize,
+    render: &RenderSettings,
+    cameras: impl IntoIterator<Item = (Camera, u32)>,
+) -> Result<Vec<Counts>, Error> {
+    let render = colorless(render).with(|s| s.effects.statistics = Statistics::None);
+    let mut scene = plain(start);
+    scene.sh.iter_mut().enumerate().for_each(|(index, sh)| *sh = marked(index >= fixed));
+    let splats = on.upload(&scene, Parameterization::ScaleRotation)?;
+    let mut found = Vec::new();
+    for (camera, factor) in cameras {
+        let factor = possible(&camera, factor);
+        let look = reduced_camera(&camera, factor);
+        let (own, _) = on.draw(&splats, &look, &render).await?;
+        let (all, _) = on.draw(&splats, &look, &render.of_alpha()).await?;
+        let is_own = |(own, all): (&[f32; 3], &[f32; 3])| fixed == 0 || own[0] > 0.5 * all[0];
+        let of_reduced = own.pixels().iter().zip(all.pixels()).map(is_own).collect();
+        found.push(Counts { of_reduced, size: [look.width, look.height], factor });
+    }
+    Ok(found)
+}
+
 /// The contribution in one channel to a view with this sum of weights.
 fn contribution(image: &Image, channel: usize, all: f64) -> Contribution {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let (mut sum, mut least, mut most) = (0.0, [width, height], [0, 0]);
+    let (mut columns, mut rows) = (vec![0.0; width], vec![0.0; height]);
     for (index, pixel) in image.pixels().iter().enumerate() {
-        sum += f64::from(pixel[channel]);
-        if pixel[channel] >= COUNTS {
-            let at = [index % width, index / width];
-            (least, most) = ([0, 1].map(|i| least[i].min(at[i])), [0, 1].map(|i| most[i].max(at[i] + 1)));
-        }
+        columns[index % width] += f64::from(pixel[channel]);
+        rows[index / width] += f64::from(pixel[channel]);
     }
+    let sum: f64 = rows.iter().sum();
     let share = if all > 0.0 { sum / all } else { 0.0 };
-    let covered = |i: usize| most[i].saturating_sub(least[i]);
-    if (covered(0) * covered(1)) as f64 >= WHOLE * (width * height) as f64 {
+    let (across, down) = (within(&columns, sum), within(&rows, sum));
+    if (across.len() * down.len()) as f64 >= WHOLE * (width * height) as f64 {
         return Contribution { share, window: None };
     }
-    let side = |i: usize, size: usize| {
-        let [from, to] = [least[i].min(most[i]), most[i]].map(|at| at as f32 / size as f32);
+    let side = |range: std::ops::Range<usize>, size: usize| {
+        let [from, to] = [range.start, range.end].map(|at| at as f32 / size as f32);
         let padding = PADDING * (to - from);
         [(from - padding).max(0.0), (to + padding).min(1.0)]
     };
-    let ([left, right], [top, bottom]) = (side(0, width), side(1, height));
+    let ([left, right], [top, bottom]) = (side(across, width), side(down, height));
     Contribution { share, window: Some([left, top, right, bottom]) }
+}
+
+/// The lines of an image that hold all of a sum but [`BEYOND`] on each side; none of a sum of 0.
+fn within(lines: &[f64], sum: f64) -> std::ops::Range<usize> {
+    let first = |lines: &mut dyn Iterator<Item = &f64>| {
+        let mut beyond = 0.0;
+        lines
+            .take_while(|line| {
+                beyond += **line;
+                beyond <= BEYOND * sum
+            })
+            .count()
+    };
+    let from = first(&mut lines.iter());
+    from..lines.len().saturating_sub(first(&mut lines.iter().rev())).max(from)
 }
 
 impl Contribution {
@@ -137,12 +183,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn windows_hold_all_pixels_that_count_and_some_more() {
+    fn windows_hold_nearly_all_weights_and_some_more() {
         let image =
             Image::from_fn(20, 10, |x, y| [if (5..15).contains(&x) && y < 5 { 0.5 } else { 0.05 }, 0.2, 0.0]).unwrap();
         let camera = Camera::looking_forward(200, 100, 1.0);
         let part = contribution(&image, 0, 200.0);
-        assert!((part.share - (25.0 + 7.5) / 200.0).abs() < 1e-6, "{part:?}");
+        assert!((part.share - (25.0 + 0.15) / 200.0).abs() < 1e-6, "{part:?}");
         assert_eq!(part.window_of(&camera), Some(Window { left: 40, top: 0, width: 120, height: 55 }));
         assert_eq!(contribution(&image, 1, 200.0).window_of(&camera), None);
         let nothing = contribution(&image, 2, 0.0);

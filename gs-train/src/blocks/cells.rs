@@ -60,51 +60,30 @@ impl Cell {
         axis(0) && axis(1)
     }
 
-    /// The cell with its bounds further out by these lengths.
-    pub(super) fn widened(&self, by: DVec2) -> Self {
-        let moved = |bound: Option<f64>, by: f64| bound.map(|bound| bound + by);
+    /// The cell with each of its bounds so far out that the strip before it, as long as the cell, has this share of the
+    /// cell's work; open where there is not so much.
+    pub(super) fn widened(&self, share: f64, places: &[DVec2], work: &[f64]) -> Self {
+        let own =
+            places.iter().zip(work).filter(|(place, _)| self.contains(**place)).map(|(_, work)| work).sum::<f64>();
+        // The sign is that of the direction outwards.
+        let moved = |bound: Option<f64>, axis: usize, sign: f64| {
+            let bound = bound?;
+            let mut strip = *self;
+            (strip.from[axis], strip.to[axis]) = if sign > 0.0 { (Some(bound), None) } else { (None, Some(bound)) };
+            let mut members: Vec<usize> = (0..places.len()).filter(|&index| strip.contains(places[index])).collect();
+            members.sort_by(|&a, &b| (sign * places[a][axis]).total_cmp(&(sign * places[b][axis])).then(a.cmp(&b)));
+            let mut sum = 0.0;
+            let reaches = |index: &&usize| {
+                sum += work[**index];
+                sum >= share * own
+            };
+            if share > 0.0 { members.iter().find(reaches).map(|&index| places[index][axis]) } else { Some(bound) }
+        };
         Self {
-            from: [moved(self.from[0], -by.x), moved(self.from[1], -by.y)],
-            to: [moved(self.to[0], by.x), moved(self.to[1], by.y)],
+            from: [0, 1].map(|axis| moved(self.from[axis], axis, -1.0)),
+            to: [0, 1].map(|axis| moved(self.to[axis], axis, 1.0)),
         }
     }
-
-    /// The sides of the part of the cell in the box from `least` to `most`; not negative.
-    pub(super) fn sides(&self, [least, most]: [DVec2; 2]) -> DVec2 {
-        let side = |i: usize| {
-            let (from, to) = (self.from[i].unwrap_or(least[i]), self.to[i].unwrap_or(most[i]));
-            (to - from).max(0.0)
-        };
-        DVec2::new(side(0), side(1))
-    }
-
-    /// Distance from a place to the nearest bound of the cell, as a share of the cell's side across that bound in the
-    /// box; ∞ without bounds.
-    pub(super) fn edge_distance(&self, place: DVec2, frame: [DVec2; 2]) -> f64 {
-        let sides = self.sides(frame);
-        let of =
-            |bound: Option<f64>, i: usize| bound.map_or(f64::INFINITY, |bound| (place[i] - bound).abs() / sides[i]);
-        [0, 1].into_iter().map(|i| of(self.from[i], i).min(of(self.to[i], i))).fold(f64::INFINITY, f64::min)
-    }
-}
-
-/// The box of places that holds all but a hundredth of the work on each of its four sides.
-pub(super) fn frame(places: &[DVec2], work: &[f64]) -> [DVec2; 2] {
-    let at = |share: f64| DVec2::new(quantile(places, work, 0, share), quantile(places, work, 1, share));
-    [at(0.01), at(0.99)]
-}
-
-/// The coordinate below which this share of the work lies.
-fn quantile(places: &[DVec2], work: &[f64], axis: usize, share: f64) -> f64 {
-    let all: Vec<usize> = (0..places.len()).collect();
-    let order = ordered(&all, places, axis);
-    let wanted = share * work.iter().sum::<f64>();
-    let mut sum = 0.0;
-    let found = order.iter().find(|&&index| {
-        sum += work[index];
-        sum >= wanted
-    });
-    found.or(order.last()).map_or(0.0, |&index| places[index][axis])
 }
 
 fn ordered(members: &[usize], places: &[DVec2], axis: usize) -> Vec<usize> {
@@ -207,13 +186,13 @@ mod tests {
     }
 
     #[test]
-    fn margins_widen_bounded_sides_only() {
-        let cell = Cell { from: [None, Some(1.0)], to: [Some(2.0), Some(5.0)] };
-        let frame = [DVec2::new(-6.0, 0.0), DVec2::new(9.0, 9.0)];
-        assert_eq!(cell.sides(frame), DVec2::new(8.0, 4.0));
-        let wide = cell.widened(0.25 * cell.sides(frame));
-        assert_eq!(wide, Cell { from: [None, Some(0.0)], to: [Some(4.0), Some(6.0)] });
-        assert_eq!(cell.edge_distance(DVec2::new(0.0, 3.0), frame), 0.25);
-        assert_eq!(Cell::default().edge_distance(DVec2::ZERO, frame), f64::INFINITY);
+    fn margins_have_their_share_of_the_work() {
+        let (places, work) = lattice();
+        let cell = Cell { from: [None, Some(5.0)], to: [Some(8.0), Some(9.0)] };
+        // A row of the cell, of four, has a quarter of its work; columns further right have more work.
+        let wide = cell.widened(0.3, &places, &work);
+        assert_eq!(wide, Cell { from: [None, Some(3.0)], to: [Some(9.0), Some(10.0)] });
+        assert_eq!(cell.widened(0.0, &places, &work), cell);
+        assert_eq!(cell.widened(9.0, &places, &work), Cell { from: [None, None], to: [None, None] });
     }
 }

@@ -1,7 +1,7 @@
 //! The result of all blocks.
 
 use gs_core::{
-    Camera, Culled, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
+    Camera, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
     examination::Examinable as _,
     metrics::{mean, psnr_of_mse},
 };
@@ -12,9 +12,6 @@ use crate::{
     error::Error,
     train::{Evaluation, PosedView, evaluate as evaluate_views},
 };
-
-/// Distance from the edge of a cell, as a share of the cell's side, up to which pixels are near it.
-const NEAR: f64 = 0.05;
 
 /// The Gaussians of a block's trained scene that belong to the block: those that were not fixed and whose means lie in
 /// its cell.
@@ -41,7 +38,8 @@ pub struct BlockQuality {
     pub ssim: Option<f64>,
 }
 
-/// Quality over the pixels of all held-out views that show places near the edge of a cell, and over all others.
+/// Quality over the pixels of all held-out views that show places [near](super::BlockPlan::near) the edge of a cell,
+/// and over all others.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Edges {
@@ -53,14 +51,15 @@ pub struct Edges {
     pub rest: Option<f64>,
 }
 
-/// Evaluates a scene on the held-out views, all together, by block, and near the edges of the cells.
+/// Evaluates a scene on the held-out views, all together, by block, and near the edges of the cells. What is near an
+/// edge follows from the depths of `merged`, so that several scenes can be compared at the same pixels.
 ///
 /// # Errors
 /// Those of [`train::evaluate`](crate::train::evaluate); [`Error::OtherViews`] for other views than those of the plan.
 pub async fn evaluate<R: Rasterizer<Scene3d>>(
     on: &R,
     plan: &BlocksPlan,
-    scene: &Scene3d,
+    (scene, merged): (&Scene3d, &Scene3d),
     views: &[PosedView],
     render: &RenderSettings,
 ) -> Result<(Evaluation, Vec<BlockQuality>, Edges), Error> {
@@ -76,27 +75,30 @@ pub async fn evaluate<R: Rasterizer<Scene3d>>(
         BlockQuality { views: psnr.len(), psnr: some(psnr), ssim: some(ssim) }
     };
     let by_block = (0..plan.blocks.len()).map(of_block).collect();
-    let edges = near_edges(on, plan, scene, views, render).await?;
+    let edges = near_edges(on, plan, (scene, merged), views, render).await?;
     Ok((evaluation, by_block, edges))
 }
 
-/// Pixels are near an edge if the ground below what they show is.
+/// Pixels are near an edge if the ground below what they show is near the cells of two blocks.
 async fn near_edges<R: Rasterizer<Scene3d>>(
     on: &R,
     plan: &BlocksPlan,
-    scene: &Scene3d,
+    (scene, merged): (&Scene3d, &Scene3d),
     views: &[PosedView],
     render: &RenderSettings,
 ) -> Result<Edges, Error> {
-    let splats = on.upload(scene, Parameterization::ScaleRotation)?;
-    let covered = render.of_alpha();
+    let [splats, merged] = [
+        on.upload(scene, Parameterization::ScaleRotation)?,
+        on.upload(&merged.clone().with_degree(0), Parameterization::ScaleRotation)?,
+    ];
+    let covered = render.of_alpha().with(|s| s.effects.sh_degree = 0);
     let inverse = covered.with(|s| s.output = Output::InverseDepth);
     // Squared errors and numbers of pixels: the rest, and near an edge.
     let mut sums = [(0.0, 0_u64); 2];
     for view in views {
-        let draw = async |settings: &RenderSettings| on.draw(&splats, &view.camera, settings).await;
-        let [(image, Culled { .. }), (alpha, _), (inverse, _)] =
-            [draw(render).await?, draw(&covered).await?, draw(&inverse).await?];
+        let (image, _) = on.draw(&splats, &view.camera, render).await?;
+        let (alpha, _) = on.draw(&merged, &view.camera, &covered).await?;
+        let (inverse, _) = on.draw(&merged, &view.camera, &inverse).await?;
         let (image, posed) = (image.rounded_to_8_bits(), view.image()?);
         let mask = posed.mask.clone();
         let target = posed.over(render.background_color())?.clamped();
@@ -120,6 +122,5 @@ fn is_near(plan: &BlocksPlan, camera: &Camera, index: usize, depth: f32) -> bool
     let at = (glam::Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - camera.center) / camera.focal;
     let point = camera.rotation.transpose() * (at.extend(1.0) * depth - camera.translation);
     let place = plan.ground.place(point);
-    let holding = plan.blocks.iter().find(|block| block.cell.contains(place));
-    holding.is_some_and(|block| block.cell.edge_distance(place, plan.frame) < NEAR)
+    plan.blocks.iter().filter(|block| block.near.contains(place)).count() > 1
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     assignment::{Coarse, Contribution},
-    cells::{Cell, Grid, Ground, divide, frame},
+    cells::{Cell, Grid, Ground, divide},
     window::Window,
 };
 use crate::{
@@ -18,14 +18,17 @@ use crate::{
 /// Longer side of the views at which contributions are measured, px, at most twice as many.
 const LOOK_PX: u32 = 200;
 
+/// Work between the edge of a cell and what is near it, as a share of the cell's work.
+const NEAR: f64 = 0.05;
+
 /// How a scene is divided into blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct BlocksSettings {
     /// Columns and rows of cells.
     pub grid: Grid,
-    /// Width of the margin around a cell in which its block trains Gaussians, too, as a share of the cell's side;
-    /// 0..=1.
+    /// Work in the margin at each side of a cell, in which its block trains Gaussians, too, as a share of the cell's
+    /// work; 0..=1.
     pub margin: f64,
     /// Share of a view's blending weights from which a block uses the view, 0..=1. A view that no block uses goes to
     /// the block that contributes most to it.
@@ -84,6 +87,8 @@ pub struct BlockView {
 pub struct BlockPlan {
     /// The cell.
     pub cell: Cell,
+    /// The cell and what is near its edges: strips with [`NEAR`] of its work at each side.
+    pub near: Cell,
     /// The views that it trains with, in the order of their numbers.
     pub views: Vec<BlockView>,
     /// Number of Gaussians of the coarse model that stay as they are.
@@ -108,8 +113,6 @@ pub struct BlocksPlan {
     pub settings: TrainSettings,
     /// The directions along the ground.
     pub ground: Ground,
-    /// The corners of the part of the ground in which unbounded cells have sides.
-    pub frame: [glam::DVec2; 2],
     /// The training views.
     pub views: Vec<SettledView>,
     /// Names of the training views that show nothing of the coarse model. No block uses them.
@@ -149,14 +152,14 @@ impl BlocksPlan {
         let cameras: Vec<Camera> = views.train_cameras().map(looks).collect();
         let work = coarse.weights(&cameras).await?;
         let cells = divide(division.grid, &places, &work)?;
-        let frame = frame(&places, &work);
-        let wide: Vec<Cell> = cells.iter().map(|cell| cell.widened(division.margin * cell.sides(frame))).collect();
+        let widened =
+            |share: f64| -> Vec<Cell> { cells.iter().map(|cell| cell.widened(share, &places, &work)).collect() };
+        let (wide, near) = (widened(division.margin), widened(NEAR));
         let contributions =
             coarse.contributions(cells.len(), |set, index| wide[set].contains(places[index]), &cameras).await?;
         let (used, unused) = used_by(&contributions, division.threshold);
         let mut plan = Self {
             division,
-            frame,
             ground,
             unused: unused.into_iter().map(|view| views.train[view].name.clone()).collect(),
             views: settled,
@@ -196,6 +199,7 @@ impl BlocksPlan {
             };
             plan.blocks.push(BlockPlan {
                 cell: *cell,
+                near: near[number],
                 views: chosen.into_iter().map(view).collect(),
                 fixed: of_fixed,
                 own: of_own,
@@ -242,7 +246,7 @@ impl BlocksPlan {
 }
 
 /// The divisor of a view's sides for a look at contributions.
-fn look_factor(camera: &Camera) -> u32 {
+pub(super) fn look_factor(camera: &Camera) -> u32 {
     let longer = camera.width.max(camera.height);
     (longer / LOOK_PX).max(1).next_power_of_two().min(longer / LOOK_PX).max(1)
 }

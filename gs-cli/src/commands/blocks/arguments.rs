@@ -78,7 +78,7 @@ pub(crate) struct PrepareArgs {
     /// Columns and rows of cells; columns are to the right, rows ahead, of equal work
     #[arg(long, value_name = "MxN")]
     pub(crate) blocks: BlocksGrid,
-    /// Width of the margin around a cell in which its block trains, too, as a share of the cell's side
+    /// Work in the margin at each side of a cell, in which its block trains, too, as a share of the cell's
     #[arg(long, value_name = "SHARE", default_value_t = 0.1)]
     pub(crate) margin: f64,
     /// Share of a view from which a block trains with it

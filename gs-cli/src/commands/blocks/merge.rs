@@ -36,44 +36,48 @@ struct Report {
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     let folder = open(&args.folder)?;
     let claim = args.overwrite.claim(folder.path(), [SCENE, EVALUATION], Inputs::default());
-    let merged = match &args.compare {
-        Some(other) => {
-            let mut file = scene::read_3d(other)?;
-            file.move_to(folder.origin().frame);
-            file.scene
-        }
-        None => {
-            output_folder::check(&claim)?;
-            let (merged, output) = (folder.merged()?, OutputFolder::begin(claim.clone())?);
-            write_3d(output.file(SCENE), &merged, &folder.write_options())?;
-            output::note(format_args!(
-                "{} of {} in {}",
-                counted(merged.len(), "Gaussian"),
-                counted(folder.plan().blocks.len(), "block"),
-                folder.path().join(SCENE).display()
-            ));
-            merged
-        }
-    };
+    let compared = args.compare.as_deref().map(scene::read_3d).transpose()?;
+    output_folder::check(&claim)?;
+    let merged = folder.merged()?;
+    let compared = compared.map(|mut file| {
+        file.move_to(folder.origin().frame);
+        file.scene
+    });
+    if compared.is_none() {
+        let output = OutputFolder::begin(claim.clone())?;
+        write_3d(output.file(SCENE), &merged, &folder.write_options())?;
+        output::note(format_args!(
+            "{} of {} in {}",
+            counted(merged.len(), "Gaussian"),
+            counted(folder.plan().blocks.len(), "block"),
+            folder.path().join(SCENE).display()
+        ));
+    }
     let views = views(&folder, &args.data)?;
     if views.test.is_empty() {
         output::note("note: no view is held out, so the scene is not evaluated");
         return Ok(());
     }
-    let report = report(args, &folder, &merged, &views)?;
-    if args.compare.is_none() {
+    let report = report(args, &folder, (compared.as_ref().unwrap_or(&merged), &merged), &views)?;
+    if compared.is_none() {
         OutputFolder::begin(claim)?.write_json(EVALUATION, &report)?;
     }
     output::result(table(&report))
 }
 
-fn report(args: &MergeArgs, folder: &BlocksFolder, scene: &Scene3d, views: &Views) -> Result<Report, Failure> {
+fn report(
+    args: &MergeArgs,
+    folder: &BlocksFolder,
+    (scene, merged): (&Scene3d, &Scene3d),
+    views: &Views,
+) -> Result<Report, Failure> {
     let plan = folder.plan();
     let mut render = plan.settings.render;
     render.effects.sh_degree = scene.sh_degree;
     let views = Views { keep_bytes: 0, ..views.clone() }.cached();
     let backend = args.backend.or_recorded(&folder.origin().machine).open()?;
-    let (whole, blocks, edges) = evaluate(&backend.rasterizer, plan, scene, &views.test, &render).block_on()?;
+    let (whole, blocks, edges) =
+        evaluate(&backend.rasterizer, plan, (scene, merged), &views.test, &render).block_on()?;
     Ok(Report { whole, blocks, edges })
 }
 
