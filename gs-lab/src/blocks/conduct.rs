@@ -159,8 +159,7 @@ fn train<R: Optimizer<Scene3d>>(
     let checkpoints = JobCheckpoints::new(folder.store(), &folder.addresses()[block], settings.lease);
     let mut interruptions = Interruptions::new(&conductor, Some(checkpoints));
     let trained = catch_unwind(AssertUnwindSafe(|| {
-        let start = folder.start(block).map_err(Failed::OfProcess)?;
-        let views = block_views(on, folder.plan(), block, all, &start).block_on()?;
+        let views = block_views(folder.plan(), block, all)?;
         let resumed = interruptions.checkpoint().map(|held| Trainer3d::resume_views(on, views.clone(), held));
         let mut trainer = match resumed {
             Some(Ok(trainer)) => {
@@ -170,6 +169,7 @@ fn train<R: Optimizer<Scene3d>>(
             Some(Err(error @ TrainError::Core(CoreError::Backend { .. }))) => return Err(error.into()),
             other => {
                 other.and_then(Result::err).iter().for_each(|error| interruptions.refuse(error));
+                let start = folder.start(block).map_err(Failed::OfProcess)?;
                 begin(on, folder.plan(), block, views, start).block_on()?
             }
         };

@@ -127,7 +127,7 @@ fn one_block_is_plain_training_from_the_coarse_model() {
     let on = cpu();
     let Floor { coarse, views, plan, starts } = planned(&on, 1, 1);
     assert_eq!((plan.blocks[0].fixed, plan.blocks[0].steps, &starts[0]), (0, 240, &coarse));
-    let of_block = block_views(&on, &plan, 0, &views, &starts[0]).block_on().unwrap();
+    let of_block = block_views(&plan, 0, &views).unwrap();
     let mut block = begin(&on, &plan, 0, of_block, starts[0].clone()).block_on().unwrap();
     block.run(&mut ()).block_on().unwrap();
     let mut settings = plan.settings.clone();
@@ -143,7 +143,7 @@ fn one_block_is_plain_training_from_the_coarse_model() {
 fn fixed_gaussians_keep_their_bits_while_others_grow() {
     let on = cpu();
     let Floor { views, plan, starts, .. } = planned(&on, 2, 1);
-    let of_block = block_views(&on, &plan, 1, &views, &starts[1]).block_on().unwrap();
+    let of_block = block_views(&plan, 1, &views).unwrap();
     let mut trainer = begin(&on, &plan, 1, of_block, starts[1].clone()).block_on().unwrap();
     trainer.run(&mut ()).block_on().unwrap();
     let (scene, fixed) = (trainer.scene().block_on().unwrap(), plan.blocks[1].fixed as usize);
@@ -240,10 +240,7 @@ fn the_result_depends_neither_on_the_order_nor_on_interruptions() {
         evaluate(&on, alone.plan(), (&merged, &merged), &views.test, &render).block_on().unwrap();
     assert_eq!(by_block.iter().map(|block| block.views).sum::<usize>(), 2);
     let Floor { coarse, plan, starts, .. } = planned(&on, 1, 1);
-    let mut whole =
-        begin(&on, &plan, 0, block_views(&on, &plan, 0, &views, &starts[0]).block_on().unwrap(), starts[0].clone())
-            .block_on()
-            .unwrap();
+    let mut whole = begin(&on, &plan, 0, block_views(&plan, 0, &views).unwrap(), starts[0].clone()).block_on().unwrap();
     whole.run(&mut ()).block_on().unwrap();
     let psnr = |scene: &Scene3d| {
         evaluate(&on, alone.plan(), (scene, &merged), &views.test, &render).block_on().unwrap().0.psnr

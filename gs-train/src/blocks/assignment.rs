@@ -6,12 +6,11 @@ use gs_core::{
     effects::Statistics,
 };
 
-use super::window::{Counts, Window};
+use super::window::Window;
 use crate::{
     edit::{blending_weights, colorless},
     error::Error,
     train::plain,
-    views::{possible, reduced_camera},
 };
 
 /// Blocks whose contributions are drawn at once: one for each channel.
@@ -19,10 +18,10 @@ const AT_ONCE: usize = 3;
 
 /// Share of a block's weights in a view that may lie beyond each side of its window: a few pixels far from all others
 /// would make windows whole views.
-const BEYOND: f64 = 0.03;
+const BEYOND: f64 = 0.02;
 
 /// What is added to a window at each side, as a share of the window's side: what lies near it changes little in it.
-const PADDING: f32 = 0.05;
+const PADDING: f32 = 0.1;
 
 /// Share of a view's pixels from which a window is the whole view.
 const WHOLE: f64 = 0.8;
@@ -94,37 +93,6 @@ impl<'a, R: Rasterizer<Scene3d>> Coarse<'a, R> {
         }
         Ok(found)
     }
-}
-
-/// A Gaussian without view-dependent colour, white or black.
-fn marked(is_white: bool) -> Vec3 {
-    Vec3::splat(if is_white { 0.5 } else { -0.5 } / SH_C0)
-}
-
-/// The pixels of views to which the Gaussians of a block that are not fixed contribute most: the others say how wrong
-/// the fixed ones are. Of each view, `cameras` has the camera and the divisor of its sides for a look.
-pub(super) async fn counts<R: Rasterizer<Scene3d>>(
-    on: &R,
-    start: &Scene3d,
-    fixed: usize,
-    render: &RenderSettings,
-    cameras: impl IntoIterator<Item = (Camera, u32)>,
-) -> Result<Vec<Counts>, Error> {
-    let render = colorless(render).with(|s| s.effects.statistics = Statistics::None);
-    let mut scene = plain(start);
-    scene.sh.iter_mut().enumerate().for_each(|(index, sh)| *sh = marked(index >= fixed));
-    let splats = on.upload(&scene, Parameterization::ScaleRotation)?;
-    let mut found = Vec::new();
-    for (camera, factor) in cameras {
-        let factor = possible(&camera, factor);
-        let look = reduced_camera(&camera, factor);
-        let (own, _) = on.draw(&splats, &look, &render).await?;
-        let (all, _) = on.draw(&splats, &look, &render.of_alpha()).await?;
-        let is_own = |(own, all): (&[f32; 3], &[f32; 3])| fixed == 0 || own[0] > 0.5 * all[0];
-        let of_reduced = own.pixels().iter().zip(all.pixels()).map(is_own).collect();
-        found.push(Counts { of_reduced, size: [look.width, look.height], factor });
-    }
-    Ok(found)
 }
 
 /// The contribution in one channel to a view with this sum of weights.

@@ -246,7 +246,7 @@ impl BlocksPlan {
 }
 
 /// The divisor of a view's sides for a look at contributions.
-pub(super) fn look_factor(camera: &Camera) -> u32 {
+fn look_factor(camera: &Camera) -> u32 {
     let longer = camera.width.max(camera.height);
     (longer / LOOK_PX).max(1).next_power_of_two().min(longer / LOOK_PX).max(1)
 }

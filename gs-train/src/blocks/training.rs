@@ -2,16 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use gs_core::{Optimizer, Rasterizer, Scene3d};
+use gs_core::{Optimizer, Scene3d};
 
-use super::{
-    assignment::counts,
-    plan::{BlockPlan, BlockView, BlocksPlan, SettledView, look_factor},
-    window::Window,
-};
+use super::plan::{BlockView, BlocksPlan, SettledView};
 use crate::{
     error::Error,
-    train::{Exposures, PosedView, Poses, Start, Trainer3d, Views, pose_of, shown, with_pose},
+    train::{Exposures, PosedView, Poses, Start, Trainer3d, Views, pose_of, with_pose},
 };
 
 /// Gives views the cameras that a coarse model was trained with, and returns what was settled about its training
@@ -33,39 +29,27 @@ pub fn settle(views: &mut Views, metadata: &BTreeMap<String, String>) -> Result<
     Ok(views.train.iter().enumerate().map(settled).collect())
 }
 
-/// The views of a block, from all views of the data set at the size for the blocks. `start` are the Gaussians that the
-/// block begins with: pixels that mostly show fixed ones do not count.
+/// The views of a block, from all views of the data set at the size for the blocks.
 ///
 /// # Errors
 /// [`Error::OtherViews`] where these are not the views of the plan; [`Error::OtherImages`] where an image has changed;
-/// those of the backend and of reading an image.
-pub async fn block_views<R: Rasterizer<Scene3d>>(
-    on: &R,
-    plan: &BlocksPlan,
-    block: usize,
-    all: &Views,
-    start: &Scene3d,
-) -> Result<Views, Error> {
-    let others = || Error::OtherViews { expected: plan.views.len(), found: all.train.len() };
+/// those of reading an image.
+pub fn block_views(plan: &BlocksPlan, block: usize, all: &Views) -> Result<Views, Error> {
     if !all.train.iter().map(|view| &view.name).eq(plan.views.iter().map(|view| &view.name)) {
-        return Err(others());
+        return Err(Error::OtherViews { expected: plan.views.len(), found: all.train.len() });
     }
-    let BlockPlan { views: used, fixed, .. } = &plan.blocks[block];
-    let whole = |&BlockView { view, window }: &BlockView| {
-        let (settled, view) = (plan.views.get(view)?, all.train.get(view)?);
+    let of_block = |&BlockView { view: index, window }: &BlockView| {
+        let (Some(settled), Some(view)) = (plan.views.get(index), all.train.get(index)) else { return None };
         let camera = settled.pose.map_or(view.camera, |pose| with_pose(&view.camera, &pose));
-        let window = window.unwrap_or(Window::whole(&camera));
-        window.is_in(&camera).then(|| (PosedView { camera, ..view.clone() }, window))
+        let view = PosedView { camera, ..view.clone() };
+        match window {
+            None => Some(view),
+            Some(window) => window.is_in(&camera).then(|| window.of(&view)),
+        }
     };
-    let mut parts = used.iter().map(whole).collect::<Option<Vec<_>>>().ok_or_else(others)?;
-    if *fixed > 0 || used.iter().any(|view| view.window.is_some()) {
-        let looks: Vec<_> =
-            parts.iter().map(|(view, window)| (window.camera(&view.camera), look_factor(&view.camera))).collect();
-        let counts =
-            counts(on, start, *fixed as usize, &shown(&plan.settings, &plan.settings.render.effects), looks).await?;
-        parts.iter_mut().zip(counts).for_each(|((view, window), counts)| *view = window.of(view, counts));
-    }
-    let train = parts.into_iter().map(|(view, _)| view).collect();
+    let used = &plan.blocks[block].views;
+    let train: Option<Vec<PosedView>> = used.iter().map(of_block).collect();
+    let train = train.ok_or(Error::OtherViews { expected: plan.views.len(), found: all.train.len() })?;
     let views = Views { train, test: Vec::new(), ..all.clone() };
     let changed = |(digest, view): (&u32, &BlockView)| (*digest != plan.views[view.view].digest).then_some(view.view);
     let changed: Vec<usize> = views.digests()?.iter().zip(used).filter_map(changed).collect();

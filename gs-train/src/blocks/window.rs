@@ -37,39 +37,16 @@ impl Window {
         fits(self.left, self.width, camera.width) && fits(self.top, self.height, camera.height)
     }
 
-    /// The whole image of a camera.
-    pub(super) fn whole(camera: &Camera) -> Self {
-        Self { left: 0, top: 0, width: camera.width, height: camera.height }
-    }
-
-    /// The window of a view, of which these pixels count.
-    pub(super) fn of(self, view: &PosedView, counts: Counts) -> PosedView {
-        let source = Arc::new(Cropped { window: self, counts, whole: Arc::clone(&view.source) });
+    /// The window of a view.
+    pub(super) fn of(self, view: &PosedView) -> PosedView {
+        let source = Arc::new(Cropped { window: self, whole: Arc::clone(&view.source) });
         PosedView { name: view.name.clone(), camera: self.camera(&view.camera), source }
-    }
-}
-
-/// Which pixels of an image count, at a reduced size.
-pub(super) struct Counts {
-    /// Row-major.
-    pub(super) of_reduced: Vec<bool>,
-    /// Columns and rows.
-    pub(super) size: [u32; 2],
-    /// Columns and rows of the image for each of them; there may be a few more at its end.
-    pub(super) factor: u32,
-}
-
-impl Counts {
-    fn at(&self, x: u32, y: u32) -> bool {
-        let [x, y] = [(x, 0), (y, 1)].map(|(at, axis)| (at / self.factor).min(self.size[axis] - 1));
-        self.of_reduced[(y * self.size[0] + x) as usize]
     }
 }
 
 /// The window of an image.
 struct Cropped {
     window: Window,
-    counts: Counts,
     whole: Arc<dyn ImageSource>,
 }
 
@@ -81,8 +58,7 @@ impl ImageSource for Cropped {
 
     fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
         let Window { left, top, width, height } = self.window;
-        let window = self.whole.read_compact()?.cropped([left, top], [width, height]);
-        Ok(window.masked(|x, y| self.counts.at(x, y)))
+        Ok(self.whole.read_compact()?.cropped([left, top], [width, height]))
     }
 
     fn is_face(&self) -> bool {
@@ -90,7 +66,7 @@ impl ImageSource for Cropped {
     }
 
     fn counting(&self) -> Counting {
-        Counting { masked: true, ..self.whole.counting() }
+        self.whole.counting()
     }
 
     /// That of the whole image.
@@ -114,15 +90,13 @@ mod tests {
         let source: Arc<dyn ImageSource> = Arc::new(PosedImage { image, alpha, mask });
         let whole = PosedView { name: "a".to_owned(), camera, source };
         let window = Window { left: 3, top: 2, width: 4, height: 5 };
-        let counts = Counts { of_reduced: vec![true, false, true, true], size: [2, 2], factor: 2 };
-        let part = window.of(&whole, counts);
+        let part = window.of(&whole);
         let (read, all) = (part.image().unwrap(), whole.image().unwrap());
-        for (x, y) in [(0, 0), (3, 4), (2, 1), (1, 3)] {
+        for (x, y) in [(0, 0), (3, 4), (2, 1)] {
             let (at, of_all) = ((y * 4 + x) as usize, ((y + 2) * 12 + x + 3) as usize);
             assert_eq!(read.image.pixel(x, y), all.image.pixel(x + 3, y + 2));
             assert_eq!(read.alpha.as_ref().unwrap()[at], all.alpha.as_ref().unwrap()[of_all]);
-            let is_off = x >= 2 && y < 2;
-            assert_eq!(read.mask.as_ref().unwrap()[at], all.mask.as_ref().unwrap()[of_all] && !is_off);
+            assert_eq!(read.mask.as_ref().unwrap()[at], all.mask.as_ref().unwrap()[of_all]);
         }
         assert_eq!(part.source.read_compact().unwrap(), CompactImage::from(&read));
         let point = glam::Vec3::new(0.1, -0.2, 2.0);

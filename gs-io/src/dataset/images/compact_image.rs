@@ -47,16 +47,6 @@ impl CompactImage {
         Self { pixels, mask }
     }
 
-    /// Returns the image with fewer pixels that count: those of which `counts(column, row)` is true.
-    #[must_use]
-    pub fn masked(self, counts: impl Fn(u32, u32) -> bool) -> Self {
-        let (width, height) = self.size();
-        let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).enumerate();
-        let counted = |index: usize| self.mask.as_ref().is_none_or(|mask| mask[index]);
-        let mask = places.map(|(index, (x, y))| counted(index) && counts(x, y)).collect();
-        Self { pixels: self.pixels, mask: Some(mask) }
-    }
-
     /// The image in floating point: stored integers divided by 255 or 65535.
     ///
     /// # Errors
