@@ -136,7 +136,7 @@ fn one_block_is_plain_training_from_the_coarse_model() {
     plain.run(&mut ()).block_on().unwrap();
     let scene = plain.scene().block_on().unwrap();
     assert!(scene.len() > 300, "{}", scene.len());
-    assert_eq!(own(&plan, 0, block.scene().block_on().unwrap()), scene);
+    assert!(own(&plan, 0, block.scene().block_on().unwrap()) == scene);
 }
 
 #[test]

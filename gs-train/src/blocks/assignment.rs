@@ -23,7 +23,7 @@ const BEYOND: f64 = 0.02;
 /// What is added to a window at each side, as a share of the window's side: what lies near it changes little in it.
 const PADDING: f32 = 0.1;
 
-/// Share of a view's pixels from which a window is the whole view.
+/// Share of a view's pixels, or of its weights, from which a window is the whole view.
 const WHOLE: f64 = 0.8;
 
 /// What a block contributes to a view.
@@ -106,7 +106,7 @@ fn contribution(image: &Image, channel: usize, all: f64) -> Contribution {
     let sum: f64 = rows.iter().sum();
     let share = if all > 0.0 { sum / all } else { 0.0 };
     let (across, down) = (within(&columns, sum), within(&rows, sum));
-    if (across.len() * down.len()) as f64 >= WHOLE * (width * height) as f64 {
+    if share >= WHOLE || (across.len() * down.len()) as f64 >= WHOLE * (width * height) as f64 {
         return Contribution { share, window: None };
     }
     let side = |range: std::ops::Range<usize>, size: usize| {
@@ -138,8 +138,8 @@ impl Contribution {
     pub(super) fn window_of(&self, camera: &Camera) -> Option<Window> {
         let [left, top, right, bottom] = self.window?;
         let side = |from: f32, to: f32, size: u32| {
-            let from = ((from * size as f32) as u32).min(size - 1);
-            (from, ((to * size as f32).ceil() as u32).clamp(from + 1, size) - from)
+            let from = ((from * size as f32).round() as u32).min(size - 1);
+            (from, ((to * size as f32).round() as u32).clamp(from + 1, size) - from)
         };
         let ((left, width), (top, height)) = (side(left, right, camera.width), side(top, bottom, camera.height));
         Some(Window { left, top, width, height })
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn windows_hold_nearly_all_weights_and_some_more() {
         let image =
-            Image::from_fn(20, 10, |x, y| [if (5..15).contains(&x) && y < 5 { 0.5 } else { 0.05 }, 0.2, 0.0]).unwrap();
+            Image::from_fn(20, 10, |x, y| [if (5..15).contains(&x) && y < 5 { 0.5 } else { 0.001 }, 0.2, 0.0]).unwrap();
         let camera = Camera::looking_forward(200, 100, 1.0);
         let part = contribution(&image, 0, 200.0);
         assert!((part.share - (25.0 + 0.15) / 200.0).abs() < 1e-6, "{part:?}");
