@@ -80,8 +80,8 @@ impl Overseer for OfBlock<'_> {
 ///
 /// # Errors
 /// [`Error::Jobs`] and [`Error::Io`] where a block cannot be claimed or its result cannot be stored; [`Error::Fit`]
-/// where the backend fails or an image is missing or another one; [`Error::TwoResults`] where a block was taken over
-/// and both processes ended it, in two results; [`Error::Folder`] where what it begins with is damaged.
+/// where the backend fails or an image is missing or another one; [`Error::Folder`] where what a block begins with is
+/// damaged, and where it was taken over and both processes ended it, in two results.
 pub fn conduct<R: Optimizer<Scene3d>>(
     folder: &BlocksFolder,
     on: &R,

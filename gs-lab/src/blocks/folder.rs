@@ -286,7 +286,7 @@ impl BlocksFolder {
     /// Stores the result of a block, then its record. If another process has ended the block, its record stays.
     ///
     /// # Errors
-    /// [`Error::TwoResults`] where the other process came to another result; those of writing.
+    /// [`Error::Folder`] where the other process came to another result; those of writing.
     pub(super) fn store_result(
         &self,
         block: usize,
@@ -299,7 +299,11 @@ impl BlocksFolder {
         if let Some(BlockRecord { outcome: BlockOutcome::Finished { scene: recorded, .. }, .. }) = self.record(block)?
             && recorded != found
         {
-            return Err(Error::TwoResults { row: block + 1, run: "a block".to_owned(), recorded, found });
+            let what = format!(
+                "has another result (scene {recorded}) than this process found ({found}), though nothing that is known differs"
+            );
+            let mend = "repeat it on both machines in other folders, and leave out the one that is wrong";
+            return Err(Error::Folder { folder: self.path.join(ply(SCENES, block)), what, mend });
         }
         write_3d(self.path.join(ply(SCENES, block)), &result, &self.write_options())?;
         let outcome = BlockOutcome::Finished { gaussians: result.len(), steps, seconds, scene: found };

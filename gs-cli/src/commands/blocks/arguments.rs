@@ -82,7 +82,7 @@ pub(crate) struct PrepareArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.1)]
     pub(crate) margin: f64,
     /// Share of a view from which a block trains with it
-    #[arg(long, value_name = "SHARE", default_value_t = 0.05)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.02)]
     pub(crate) threshold: f64,
     /// Longer side of the images of the coarse model, px
     #[arg(long, value_name = "PX", default_value = "400", value_parser = whole::<u32>(16..))]
