@@ -19,12 +19,10 @@ fn dataset(place: &Path) -> PathBuf {
 
 /// Prepares blocks of a data set, with these flags.
 fn prepare(dataset: &Path, output: &Path, flags: &[&str]) -> Run {
-    let usual =
-        ["--backend", "cpu", "-i", "60", "-n", "80", "--coarse-gaussians", "40", "--start", "random", "--seed", "1"];
-    gs(["blocks", "prepare", dataset.to_str().unwrap(), "-o", output.to_str().unwrap()]
-        .iter()
-        .chain(flags)
-        .chain(&usual))
+    let usual = ["--backend", "cpu", "-i", "2000", "-n", "80", "--start", "random"];
+    let coarse: &[&str] = if flags.contains(&"--model") { &[] } else { &["--coarse-gaussians", "40"] };
+    let words = ["blocks", "prepare", dataset.to_str().unwrap(), "-o", output.to_str().unwrap()];
+    gs(words.iter().chain(flags).chain(coarse).chain(&usual))
 }
 
 fn words<'a>(action: &'a str, path: &'a Path) -> [&'a str; 3] {
@@ -82,7 +80,7 @@ fn what_cannot_be_done_is_refused_in_one_line() {
     refused(prepare(&place.path().join("none"), &output, &["--blocks", "1x1"]), "none");
     refused(gs(words("work", place.path())), "holds no blocks");
     let many = prepare(&data, &output, &["--blocks", "90x1"]);
-    assert!(many.status == Some(1) && many.stderr.contains("number of blocks is 90x1"), "{many:?}");
+    assert!(many.status == Some(2) && many.stderr.contains("number of blocks is 90x1"), "{many:?}");
     let coarse = output.join("coarse");
     prepare(&data, &output, &["--blocks", "1x1", "--model", coarse.to_str().unwrap()]).done();
     refused(prepare(&data, &output, &["--blocks", "1x1"]), "holds blocks already");

@@ -79,7 +79,7 @@ pub(crate) struct PrepareArgs {
     #[arg(long, value_name = "MxN")]
     pub(crate) blocks: BlocksGrid,
     /// Work in the margin at each side of a cell, in which its block trains, too, as a share of the cell's
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     pub(crate) margin: f64,
     /// Share of a view from which a block trains with it
     #[arg(long, value_name = "SHARE", default_value_t = 0.02)]
