@@ -87,7 +87,7 @@ pub struct BlockView {
 pub struct BlockPlan {
     /// The cell.
     pub cell: Cell,
-    /// The cell and what is near its edges: strips with [`NEAR`] of its work at each side.
+    /// The cell and what is near its edges: strips with 5 % of its work at each side.
     pub near: Cell,
     /// The views that it trains with, in the order of their numbers.
     pub views: Vec<BlockView>,
