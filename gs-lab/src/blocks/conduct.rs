@@ -101,11 +101,7 @@ pub fn conduct<R: Optimizer<Scene3d>>(
                 Ok(Some(trained)) => folder.store_result(block, trained.steps, trained.seconds, trained.scene)?,
                 Ok(None) => return Ok(()),
                 Err(Failed::OfProcess(error)) => return Err(error),
-                Err(Failed::OfBlock(error)) => {
-                    let outcome = BlockOutcome::Failed { error };
-                    folder.store_record(block, outcome.clone())?;
-                    outcome
-                }
+                Err(Failed::OfBlock(error)) => folder.store_outcome(block, BlockOutcome::Failed { error })?,
             };
             remove_checkpoint(folder.store(), &folder.addresses()[block]);
             claim.finish();

@@ -123,6 +123,11 @@ impl Preparing {
         Ok(())
     }
 
+    /// Ends the preparation without a plan: removes what was stored.
+    pub fn abandon(&self) {
+        (0..self.starts.len()).for_each(|block| _ = fs::remove_file(self.path.join(ply(STARTS, block))));
+    }
+
     /// Ends the preparation by storing the plan.
     ///
     /// # Errors
@@ -150,13 +155,16 @@ fn ply(folder: &str, block: usize) -> String {
 }
 
 impl BlocksFolder {
+    /// The subfolders for what blocks begin with, their results, and their records.
+    pub const FOLDERS: [&str; 3] = [STARTS, SCENES, RUNS];
+
     /// Begins to prepare a folder in which there are no blocks yet. `render` draws the scenes.
     ///
     /// # Errors
     /// [`Error::Folder`] where there are; [`Error::Path`] where it cannot be made.
     pub fn prepare(path: &Path, render: &RenderSettings, origin: &Origin) -> Result<Preparing, Error> {
         Self::refuse_held(path)?;
-        for part in [STARTS, SCENES, RUNS] {
+        for part in Self::FOLDERS {
             let part = path.join(part);
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
         }
@@ -206,7 +214,8 @@ impl BlocksFolder {
         let plan = &held.plan;
         let address = |(block, start): (&BlockPlan, &String)| {
             let views: Vec<_> = block.views.iter().map(|view| &plan.views[view.view]).collect();
-            let parts = serde_json::to_string(&(&plan.settings, &plan.ground, block, views)).unwrap_or_default();
+            let parts = (&plan.settings, &plan.ground, &held.origin.reading, block, views);
+            let parts = serde_json::to_string(&parts).unwrap_or_default();
             digest::of_texts([VERSION, &held.origin.machine.name, start, &parts])
         };
         let addresses = plan.blocks.iter().zip(&held.starts).map(address).collect();
@@ -283,7 +292,8 @@ impl BlocksFolder {
         Ok(record.filter(|record| record.address == self.addresses[block]))
     }
 
-    /// Stores the result of a block, then its record. If another process has ended the block, its record stays.
+    /// Stores the result of a block, then its record. If another process has ended the block, its result stays. A block
+    /// without a Gaussian of its own has no file.
     ///
     /// # Errors
     /// [`Error::Folder`] where the other process came to another result; those of writing.
@@ -296,40 +306,53 @@ impl BlocksFolder {
     ) -> Result<BlockOutcome, Error> {
         let result = own(self.plan(), block, scene);
         let found = digest::of_scene_3d(&result);
-        if let Some(BlockRecord { outcome: BlockOutcome::Finished { scene: recorded, .. }, .. }) = self.record(block)?
-            && recorded != found
-        {
-            let what = format!(
-                "has another result (scene {recorded}) than this process found ({found}), though nothing that is known differs"
-            );
-            let mend = "repeat it on both machines in other folders, and leave out the one that is wrong";
-            return Err(Error::Folder { folder: self.path.join(ply(SCENES, block)), what, mend });
+        if let Some(ended @ BlockOutcome::Finished { .. }) = self.outcome(block)? {
+            return match ended {
+                BlockOutcome::Finished { scene: recorded, .. } if recorded != found => {
+                    let what = format!(
+                        "has another result (scene {recorded}) than this process found ({found}), though nothing that \
+                         is known differs"
+                    );
+                    let mend = "repeat it on both machines in other folders, and leave out the one that is wrong";
+                    Err(Error::Folder { folder: self.path.join(ply(SCENES, block)), what, mend })
+                }
+                ended => Ok(ended),
+            };
         }
-        write_3d(self.path.join(ply(SCENES, block)), &result, &self.write_options())?;
+        if !result.is_empty() {
+            write_3d(self.path.join(ply(SCENES, block)), &result, &self.write_options())?;
+        }
         let outcome = BlockOutcome::Finished { gaussians: result.len(), steps, seconds, scene: found };
-        self.store_record(block, outcome.clone())?;
-        Ok(outcome)
+        self.store_outcome(block, outcome)
     }
 
-    pub(super) fn store_record(&self, block: usize, outcome: BlockOutcome) -> Result<(), Error> {
-        let address = self.addresses[block].clone();
-        let name = files::record(&address);
-        let record = BlockRecord { address, outcome };
-        Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, &record)?))?)
+    /// Stores how a block ended, and returns it. If another process has finished the block, that stays, and is returned.
+    pub(super) fn store_outcome(&self, block: usize, outcome: BlockOutcome) -> Result<BlockOutcome, Error> {
+        if let Some(finished @ BlockOutcome::Finished { .. }) = self.outcome(block)? {
+            return Ok(finished);
+        }
+        let record = BlockRecord { address: self.addresses[block].clone(), outcome };
+        let name = files::record(&record.address);
+        self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, &record)?))?;
+        Ok(record.outcome)
     }
 
-    /// Removes the records of blocks that failed and those that are damaged, so that the blocks are done again, and
-    /// what processes that died have left.
+    fn outcome(&self, block: usize) -> Result<Option<BlockOutcome>, Error> {
+        Ok(self.record(block)?.map(|record| record.outcome))
+    }
+
+    /// Removes the records of blocks that failed, and of those whose record or scene is damaged, so that the blocks are
+    /// done again, and what processes that died have left.
     ///
     /// # Errors
     /// [`Error::Jobs`] where the folder cannot be read or written to.
     pub fn forget_failures(&self) -> Result<(), Error> {
         self.claims().sweep()?;
-        for block in 0..self.addresses.len() {
-            let finished =
-                matches!(self.record(block)?, Some(BlockRecord { outcome: BlockOutcome::Finished { .. }, .. }));
-            if !finished {
-                self.store.remove(&files::record(&self.addresses[block]))?;
+        for (block, address) in self.addresses.iter().enumerate() {
+            // A block that has no record may just be getting one.
+            let has_record = self.store.read(&files::record(address))?.is_some();
+            if has_record && self.finished(block)?.is_none_or(|scene| scene.is_err()) {
+                self.store.remove(&files::record(address))?;
             }
         }
         Ok(())
@@ -367,22 +390,34 @@ impl BlocksFolder {
     /// [`Error::Folder`] where a block has no result; [`Error::Io`] where it cannot be read.
     pub fn merged(&self) -> Result<Scene3d, Error> {
         let wrong = |what, mend| Error::Folder { folder: self.path.clone(), what, mend };
-        let mut merged = Scene3d { sh_degree: self.plan().settings.render.effects.sh_degree, ..Scene3d::default() };
+        let mut merged = self.nothing();
+        let mend = "do it with gs blocks work --retry";
         for block in 0..self.addresses.len() {
-            let scene = match self.record(block)?.map(|record| record.outcome) {
-                Some(BlockOutcome::Finished { scene, .. }) => scene,
-                Some(BlockOutcome::Failed { error }) => {
-                    let what = format!("block {} failed: {error}", block + 1);
-                    return Err(wrong(what, "do it again with gs blocks work --retry"));
+            match (self.finished(block)?, self.outcome(block)?) {
+                (Some(scene), _) => merged.append(scene?),
+                (None, Some(BlockOutcome::Failed { error })) => {
+                    return Err(wrong(format!("block {} failed: {error}", block + 1), mend));
                 }
-                None => {
-                    let what = format!("block {} has not been done", block + 1);
-                    return Err(wrong(what, "do it with gs blocks work"));
-                }
-            };
-            let mend = "remove the block's record in runs, and do it again with gs blocks work";
-            merged.append(self.scene(&ply(SCENES, block), &scene, mend)?);
+                _ => return Err(wrong(format!("block {} has not been done", block + 1), mend)),
+            }
         }
         Ok(merged)
+    }
+
+    /// A scene without a Gaussian.
+    fn nothing(&self) -> Scene3d {
+        Scene3d { sh_degree: self.plan().settings.render.effects.sh_degree, ..Scene3d::default() }
+    }
+
+    /// The Gaussians of a finished block; `None` for others. The inner error is that of reading them.
+    #[expect(clippy::type_complexity, reason = "two errors")]
+    fn finished(&self, block: usize) -> Result<Option<Result<Scene3d, Error>>, Error> {
+        Ok(match self.outcome(block)? {
+            Some(BlockOutcome::Finished { gaussians: 0, .. }) => Some(Ok(self.nothing())),
+            Some(BlockOutcome::Finished { scene, .. }) => {
+                Some(self.scene(&ply(SCENES, block), &scene, "do the block again with gs blocks work --retry"))
+            }
+            _ => None,
+        })
     }
 }

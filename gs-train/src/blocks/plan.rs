@@ -171,10 +171,9 @@ impl BlocksPlan {
         for (number, (cell, of_views)) in cells.iter().zip(&contributions).enumerate() {
             let chosen: Vec<usize> = (0..cameras.len()).filter(|&view| used[view].contains(&number)).collect();
             if chosen.is_empty() {
-                let which = format!("{} of {}", number + 1, cells.len());
-                return Err(
-                    CoreError::setting("a block without views", which, "fewer blocks, or a lower threshold").into()
-                );
+                let found = format!("0 for block {} of {}", number + 1, cells.len());
+                let allowed = "at least 1: choose fewer blocks or a lower threshold";
+                return Err(CoreError::setting("number of views", found, allowed).into());
             }
             let windows: Vec<Camera> = chosen
                 .iter()

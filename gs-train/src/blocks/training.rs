@@ -71,7 +71,7 @@ pub async fn begin<'r, R: Optimizer<Scene3d>>(
     views: Views,
     start: Scene3d,
 ) -> Result<Trainer3d<'r, R>, Error> {
-    let maps = plan.blocks[block].views.iter().filter_map(|view| plan.views[view.view].colors).collect();
+    let maps = plan.blocks[block].views.iter().map(|view| plan.views[view.view].colors).collect::<Option<_>>();
     let trainer = Trainer3d::from_views(on, views, Start::Scene(start), plan.settings_of(block)).await?;
-    Ok(trainer.with_exposures(Exposures::settled(maps)))
+    Ok(trainer.with_exposures(Exposures::settled(maps.unwrap_or_default())))
 }

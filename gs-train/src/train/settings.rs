@@ -147,7 +147,8 @@ impl TrainSettings {
         self.gaussians.saturating_mul(2).min(MAX_GAUSSIANS).max(self.gaussians)
     }
 
-    /// Returns these settings for a run of another number of steps, with all schedules at the same shares of the run.
+    /// Returns these settings for a run of another number of steps: rounds, resets, decay and SH degrees are at the same
+    /// shares of the run, and what happens in rounds stays in rounds.
     #[must_use]
     #[cfg(feature = "edit")]
     pub(crate) fn lasting(mut self, iterations: u32) -> Self {
@@ -159,11 +160,14 @@ impl TrainSettings {
         let at_least_one = |steps: u32| if steps > 0 { scaled(steps).max(1) } else { 0 };
         let Rounds { every, from, until } = self.rounds;
         self.rounds = Rounds { every: at_least_one(every), from: scaled(from), until: scaled(until) };
+        // A reset is part of a round.
+        let round = self.rounds.every.max(1);
+        let of_rounds = |steps: u32| if steps > 0 { scaled(steps).div_ceil(round).max(1) * round } else { 0 };
         self.decay_over = at_least_one(self.decay_over);
         self.sh_degree_every = at_least_one(self.sh_degree_every);
         if let Some(actions) = self.policy.actions_mut() {
-            actions.reset.every = at_least_one(actions.reset.every);
-            actions.reset.once_after = at_least_one(actions.reset.once_after);
+            actions.reset.every = of_rounds(actions.reset.every);
+            actions.reset.once_after = of_rounds(actions.reset.once_after);
             actions.prune.larger_after = scaled(actions.prune.larger_after);
         }
         self.iterations = iterations;
@@ -338,6 +342,26 @@ mod tests {
                 settings.validate().unwrap();
                 let text = toml::to_string(&settings).unwrap();
                 assert_eq!(toml::from_str::<TrainSettings>(&text).unwrap(), settings, "{text}");
+            }
+        }
+    }
+
+    #[cfg(feature = "edit")]
+    #[test]
+    fn a_run_of_other_length_has_its_rounds_and_resets_at_the_same_shares() {
+        for preset in TrainPreset::ALL {
+            for steps in [1, 113, 2_640, 11_000, 29_999] {
+                let whole = preset.settings(Some(30_000));
+                let settings = whole.clone().lasting(steps);
+                settings.validate().unwrap();
+                assert_eq!(settings.iterations, steps);
+                let share = |settings: &TrainSettings, at: u32| f64::from(at) / f64::from(settings.iterations);
+                let [now, before] = [&settings, &whole].map(|settings| share(settings, settings.rounds.until));
+                assert!((now - before).abs() <= 0.5 / f64::from(steps) + 1e-9, "{preset}: {now} {before}");
+                let resets = |settings: &TrainSettings| settings.policy.clone().actions_mut().map(|a| a.reset.every);
+                let [now, before] = [&settings, &whole].map(|settings| resets(settings).unwrap_or_default());
+                assert!(now.is_multiple_of(settings.rounds.every.max(1)), "{preset}: {now}");
+                assert_eq!(now > 0, before > 0);
             }
         }
     }

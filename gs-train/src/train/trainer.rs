@@ -24,6 +24,18 @@ use crate::{
 /// The training of a 3D scene, in progress.
 pub type Trainer3d<'a, R> = Trainer<'a, R, Scene3d>;
 
+/// Checks that not all of so many Gaussians are fixed.
+fn check_fixed(settings: &TrainSettings, gaussians: usize) -> Result<(), gs_core::Error> {
+    match settings.fixed as usize {
+        0 => Ok(()),
+        fixed if fixed < gaussians => Ok(()),
+        fixed => {
+            let found = format!("{fixed} of {gaussians}");
+            Err(gs_core::Error::setting("number of fixed Gaussians", found, "less than that of all"))
+        }
+    }
+}
+
 impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Starts a training.
     ///
@@ -50,6 +62,11 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         }
         settings.remove_unseen &= !matches!(start, Start::Scene(_));
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
+        if settings.fixed > 0 && !matches!(start, Start::Scene(_)) {
+            return Err(
+                gs_core::Error::setting("number of fixed Gaussians", settings.fixed, "0 without a scene").into()
+            );
+        }
         let mut views = views.cached();
         let mut start = start.searched(&views.train)?;
         let points = start.points(&settings.init);
@@ -63,6 +80,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         if !gaussians.any(|(mean, scales)| cameras.iter().any(|camera| sees(camera, *mean, scales.max_element()))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
         }
+        check_fixed(&settings, scene.len())?;
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
         settings.validate()?;
         let images = fingerprint(&views);
@@ -109,6 +127,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         };
         let average = Average::of_state(&checkpoint.state, record.settings.fixed, SplatsState::scene_3d)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
+        check_fixed(&record.settings, rasterizer.len(&splats))
+            .map_err(|error| Error::Checkpoint(format!("of its settings, {error}")))?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let poses = Poses::from_metadata(&checkpoint.metadata, &mut views.train)?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;

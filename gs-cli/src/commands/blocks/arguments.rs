@@ -20,16 +20,16 @@ const AFTER_HELP: &str = "\
 Blocks are trained in four steps:
   gs blocks prepare DATASET -o DIR --blocks 4x4
       train a coarse model of the whole, divide the ground into cells of equal work, and plan what each \
-block trains, from which views
+block trains, with which views
   gs blocks work DIR
-      train blocks until none is left, in as many processes on as many machines as there are; gs blocks \
+      train blocks until none is left, in any number of processes on any number of machines; gs blocks \
 submit does it by Slurm
   gs blocks status DIR
       show what is done, and by whom
   gs blocks merge DIR
       join the blocks to DIR/scene.ply, and evaluate it on the held-out views
 
-DIR then holds:
+DIR then contains:
   coarse/           the coarse model, as gs train writes it
   blocks.json       the plan
   map.svg           a map of the plan: cells, cameras and counts
@@ -65,10 +65,10 @@ pub(crate) enum BlocksAction {
 /// Blocks to plan.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-The settings are those that one training of the whole would have. Each block has its share of the \
+The settings describe one training of the whole scene. Each block has its share of the \
 Gaussians, by the work in its cell and margin, and of the steps, by its views. The coarse model is \
-trained with the same settings on smaller images, with the number of Gaussians that its preset has for \
-them; exposure and poses are corrected there alone, and depth maps are used there alone.")]
+trained with the same settings on smaller images, by default with the preset's number of Gaussians for \
+such images; exposure and poses are corrected there alone, and depth maps are used there alone.")]
 pub(crate) struct PrepareArgs {
     /// The data set of posed images
     pub(crate) dataset: PathBuf,
@@ -78,10 +78,10 @@ pub(crate) struct PrepareArgs {
     /// Columns and rows of cells; columns are to the right, rows ahead, of equal work
     #[arg(long, value_name = "MxN")]
     pub(crate) blocks: BlocksGrid,
-    /// Work in the margin at each side of a cell, in which its block trains, too, as a share of the cell's
+    /// Width of the margin in which a block also trains, at each side of its cell, as a share of the cell's work
     #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     pub(crate) margin: f64,
-    /// Share of a view from which a block trains with it
+    /// Least share of a view's blending weights for a block to use the view
     #[arg(long, value_name = "SHARE", default_value_t = 0.02)]
     pub(crate) threshold: f64,
     /// Longer side of the images of the coarse model, px
@@ -92,7 +92,8 @@ pub(crate) struct PrepareArgs {
     pub(crate) coarse_gaussians: Option<u32>,
     /// A coarse model to use in place of a new one: the output folder of gs train for the same data set; its \
     /// checkpoint.safetensors, if there is one, has its poses and its exposure
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["coarse_size", "coarse_gaussians"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["coarse_size", "coarse_gaussians", "start", "exposure",
+        "refine_poses", "depth_weight"])]
     pub(crate) model: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) images: DatasetArgs,

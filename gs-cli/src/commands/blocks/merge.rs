@@ -1,7 +1,7 @@
 //! `gs blocks merge`: one scene of all blocks, and its quality.
 
 use gs_backend::FutureExt as _;
-use gs_core::{Scene as _, Scene3d, counted};
+use gs_core::{RenderSettings, Scene as _, Scene3d, counted};
 use gs_io::{Inputs, write_3d};
 use gs_lab::blocks::BlocksFolder;
 use gs_train::{
@@ -37,11 +37,15 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     let folder = open(&args.folder)?;
     let claim = args.overwrite.claim(folder.path(), [SCENE, EVALUATION], Inputs::default());
     let compared = args.compare.as_deref().map(scene::read_3d).transpose()?;
-    output_folder::check(&claim)?;
+    if compared.is_none() {
+        output_folder::check(&claim)?;
+    }
     let merged = folder.merged()?;
+    let of_blocks = folder.plan().settings.render;
     let compared = compared.map(|mut file| {
         file.move_to(folder.origin().frame);
-        file.scene
+        let background = of_blocks.background_color();
+        (file.trained_with.render_settings(file.scene.sh_degree, background), file.scene)
     });
     if compared.is_none() {
         let output = OutputFolder::begin(claim.clone())?;
@@ -58,7 +62,8 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
         output::note("note: no view is held out, so the scene is not evaluated");
         return Ok(());
     }
-    let report = report(args, &folder, (compared.as_ref().unwrap_or(&merged), &merged), &views)?;
+    let (render, scene) = compared.as_ref().map_or((of_blocks, &merged), |(render, scene)| (*render, scene));
+    let report = report(args, &folder, (scene, &merged), &render, &views)?;
     if compared.is_none() {
         OutputFolder::begin(claim)?.write_json(EVALUATION, &report)?;
     }
@@ -69,15 +74,13 @@ fn report(
     args: &MergeArgs,
     folder: &BlocksFolder,
     (scene, merged): (&Scene3d, &Scene3d),
+    render: &RenderSettings,
     views: &Views,
 ) -> Result<Report, Failure> {
-    let plan = folder.plan();
-    let mut render = plan.settings.render;
-    render.effects.sh_degree = scene.sh_degree;
     let views = Views { keep_bytes: 0, ..views.clone() }.cached();
     let backend = args.backend.or_recorded(&folder.origin().machine).open()?;
     let (whole, blocks, edges) =
-        evaluate(&backend.rasterizer, plan, (scene, merged), &views.test, &render).block_on()?;
+        evaluate(&backend.rasterizer, folder.plan(), (scene, merged), &views.test, render).block_on()?;
     Ok(Report { whole, blocks, edges })
 }
 

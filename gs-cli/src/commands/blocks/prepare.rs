@@ -1,6 +1,10 @@
 //! `gs blocks prepare`: the coarse model, and the plan.
 
-use std::{collections::BTreeMap, fs, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use gs_backend::FutureExt as _;
 use gs_core::{Scene as _, counted, effects::Antialias, memory::amount};
@@ -33,6 +37,7 @@ use crate::{
 const MAP: &str = "map.svg";
 const COARSE: &str = "coarse";
 const CHECKPOINT: &str = "checkpoint.safetensors";
+const SUMMARY: &str = "summary.json";
 
 /// Trains the coarse model, and plans the blocks.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
@@ -40,8 +45,13 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         let message = "--minutes: blocks have no time limit, as any number of processes do them";
         return Err(Failure::usage(message).hint("use --iterations"));
     }
+    if args.settings.exactly {
+        let message = "--exactly: the margins of blocks are left out of the result, so their counts are not exact";
+        return Err(Failure::usage(message).hint("leave it out"));
+    }
     BlocksFolder::refuse_held(&args.output)?;
-    let claim = args.overwrite.claim(&args.output, [MAP], Inputs::from_iter([&args.dataset]));
+    let mut claim = args.overwrite.claim(&args.output, [MAP], Inputs::from_iter([&args.dataset]));
+    claim.folders.extend(BlocksFolder::FOLDERS.map(str::to_owned));
     output_folder::check(&claim)?;
     let dataset = args.images.read(&args.dataset)?;
     let mut settings = train::settings(&args.settings, &dataset)?;
@@ -61,7 +71,10 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
     let checkpoint = coarse.join(CHECKPOINT);
     let metadata = match checkpoint.is_file() {
         true => read_checkpoint(&checkpoint)?.metadata,
-        false => BTreeMap::new(),
+        false => {
+            refuse_unsettled(&coarse)?;
+            BTreeMap::new()
+        }
     };
     let settled = settle(&mut views, &metadata).map_err(|error| Failure::from(error).at(checkpoint.display()))?;
     let backend = args.backend.open()?;
@@ -76,10 +89,27 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
     let mut preparing = BlocksFolder::prepare(&args.output, &settings.render, &origin)?;
     let store = |block: usize, scene: &_| Ok(preparing.store(block, scene)?);
     let plan =
-        BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()?;
+        BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on();
+    let plan = plan.inspect_err(|_| preparing.abandon())?;
     output.write(MAP, map(&plan, views.train_cameras()))?;
     let folder = preparing.finish(origin, plan)?;
     summary(&folder, model.scene.len(), views.train.len())
+}
+
+/// Fails for a model without a checkpoint whose summary says that poses or exposure were corrected.
+fn refuse_unsettled(model: &Path) -> Result<(), Failure> {
+    let path = model.join(SUMMARY);
+    let Ok(text) = fs::read(&path) else { return Ok(()) };
+    let summary: serde_json::Value =
+        serde_json::from_slice(&text).map_err(|error| Failure::failed(error).at(path.display()))?;
+    for what in ["poses", "exposure"] {
+        if summary[what]["used"] == true {
+            let message = format!("--model: {what} were corrected for this scene, and only its checkpoint has them");
+            let hint = format!("train it with --checkpoint {}", quoted(&model.join(CHECKPOINT)));
+            return Err(Failure::usage(message).hint(hint));
+        }
+    }
+    Ok(())
 }
 
 /// Trains the coarse model, and returns its folder.
