@@ -410,7 +410,6 @@ impl BlocksFolder {
     }
 
     /// The Gaussians of a finished block; `None` for others. The inner error is that of reading them.
-    #[expect(clippy::type_complexity, reason = "two errors")]
     fn finished(&self, block: usize) -> Result<Option<Result<Scene3d, Error>>, Error> {
         Ok(match self.outcome(block)? {
             Some(BlockOutcome::Finished { gaussians: 0, .. }) => Some(Ok(self.nothing())),
