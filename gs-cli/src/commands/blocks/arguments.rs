@@ -90,8 +90,8 @@ pub(crate) struct PrepareArgs {
     /// The most Gaussians of the coarse model [default: that of the preset for its images]
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) coarse_gaussians: Option<u32>,
-    /// A coarse model to use in place of a new one: the output folder of gs train for the same data set; its \
-    /// checkpoint.safetensors, if there is one, has its poses and its exposure
+    /// A coarse model to use in place of a new one: the output folder of gs train for the same data set. Its
+    /// checkpoint.safetensors has the poses and the exposure, if they were corrected
     #[arg(long, value_name = "DIR", conflicts_with_all = ["coarse_size", "coarse_gaussians", "start", "exposure",
         "refine_poses", "depth_weight"])]
     pub(crate) model: Option<PathBuf>,
