@@ -234,7 +234,7 @@ const FOR_DATASET: [&str; 7] = ["holdout", "images", "alpha", "max_size", "allow
 /// The commands, in the groups and the order of docs/guide.md.
 const GROUPS: [(&str, &[&str]); 7] = [
     ("Images", &["fit", "encode"]),
-    ("3D scenes", &["poses", "train"]),
+    ("3D scenes", &["poses", "train", "blocks"]),
     ("Looking at scenes", &["render", "view", "page", "serve"]),
     ("Quality", &["eval"]),
     ("Files", &["convert", "edit", "info", "doctor"]),
