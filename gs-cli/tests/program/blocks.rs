@@ -82,12 +82,22 @@ fn what_cannot_be_done_is_refused_in_one_line() {
     refused(prepare(&data, &output, &["--blocks", "1x1", "--minutes", "2"]), "--minutes");
     refused(prepare(&data, &output, &["--blocks", "1x1", "--exactly"]), "--exactly");
     refused(prepare(&place.path().join("none"), &output, &["--blocks", "1x1"]), "none");
-    refused(gs(words("work", place.path())), "holds no blocks");
+    refused(gs(words("work", place.path())), "contains no blocks");
     let many = prepare(&data, &output, &["--blocks", "90x1"]);
     assert!(many.status == Some(2) && many.stderr.contains("number of blocks is 90x1"), "{many:?}");
     let coarse = output.join("coarse");
+    let model = place.path().join("model");
+    fs::create_dir(&model).unwrap();
+    fs::copy(coarse.join("scene.ply"), model.join("scene.ply")).unwrap();
+    fs::write(model.join("summary.json"), r#"{"poses": {"used": true}}"#).unwrap();
+    let unsettled =
+        prepare(&data, &place.path().join("other"), &["--blocks", "1x1", "--model", model.to_str().unwrap()]);
+    assert!(
+        unsettled.status == Some(2) && unsettled.stderr.contains("poses were corrected for this scene"),
+        "{unsettled:?}"
+    );
     prepare(&data, &output, &["--blocks", "1x1", "--model", coarse.to_str().unwrap()]).done();
-    refused(prepare(&data, &output, &["--blocks", "1x1"]), "holds blocks already");
+    refused(prepare(&data, &output, &["--blocks", "1x1"]), "contains blocks already");
     let moved = place.path().join("moved");
     fs::rename(&data, &moved).unwrap();
     refused(gs(words("work", &output)), "name the data set's place on this machine with --data");

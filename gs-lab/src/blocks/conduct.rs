@@ -156,7 +156,8 @@ fn train<R: Optimizer<Scene3d>>(
     let mut interruptions = Interruptions::new(&conductor, Some(checkpoints));
     let trained = catch_unwind(AssertUnwindSafe(|| {
         let views = block_views(folder.plan(), block, all)?;
-        let resumed = interruptions.checkpoint().map(|held| Trainer3d::resume_views(on, views.clone(), held));
+        let resumed =
+            interruptions.checkpoint().map(|checkpoint| Trainer3d::resume_views(on, views.clone(), checkpoint));
         let mut trainer = match resumed {
             Some(Ok(trainer)) => {
                 interruptions.resumed(trainer.step());

@@ -44,7 +44,7 @@ pub struct Origin {
 /// The content of `blocks.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
-struct Held {
+struct Content {
     version: String,
     origin: Origin,
     /// Digests of the Gaussians that the blocks begin with.
@@ -99,7 +99,7 @@ pub struct RunningBlock {
 pub struct BlocksFolder {
     path: PathBuf,
     store: JobStore,
-    held: Held,
+    content: Content,
     addresses: Vec<String>,
 }
 
@@ -133,10 +133,10 @@ impl Preparing {
     /// # Errors
     /// [`Error::Io`] where it cannot be written.
     pub fn finish(self, origin: Origin, plan: BlocksPlan) -> Result<BlocksFolder, Error> {
-        let held = Held { version: VERSION.to_owned(), origin, starts: self.starts, plan };
-        let text = serde_json::to_string_pretty(&held).unwrap_or_default() + "\n";
+        let content = Content { version: VERSION.to_owned(), origin, starts: self.starts, plan };
+        let text = serde_json::to_string_pretty(&content).unwrap_or_default() + "\n";
         write_durably(self.path.join(PLAN), |file| file.write_all(text.as_bytes()))?;
-        Ok(BlocksFolder::of(self.path, held))
+        Ok(BlocksFolder::of(self.path, content))
     }
 }
 
@@ -163,7 +163,7 @@ impl BlocksFolder {
     /// # Errors
     /// [`Error::Folder`] where there are; [`Error::Path`] where it cannot be made.
     pub fn prepare(path: &Path, render: &RenderSettings, origin: &Origin) -> Result<Preparing, Error> {
-        Self::refuse_held(path)?;
+        Self::refuse_existing(path)?;
         for part in Self::FOLDERS {
             let part = path.join(part);
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
@@ -172,16 +172,16 @@ impl BlocksFolder {
         Ok(Preparing { path: path.to_owned(), options, starts: Vec::new() })
     }
 
-    /// Fails where a folder holds blocks.
+    /// Fails where a folder contains blocks.
     ///
     /// # Errors
     /// [`Error::Folder`].
-    pub fn refuse_held(path: &Path) -> Result<(), Error> {
+    pub fn refuse_existing(path: &Path) -> Result<(), Error> {
         match path.join(PLAN).exists() {
             false => Ok(()),
             true => Err(Error::Folder {
                 folder: path.to_owned(),
-                what: "holds blocks already".to_owned(),
+                what: "contains blocks already".to_owned(),
                 mend: "do them with gs blocks work, or choose another folder with --output",
             }),
         }
@@ -195,7 +195,7 @@ impl BlocksFolder {
         let wrong = |what: String, mend| Error::Folder { folder: path.to_owned(), what, mend };
         let text = fs::read(path.join(PLAN)).map_err(|error| {
             wrong(
-                format!("holds no blocks: {PLAN} cannot be read ({error})"),
+                format!("contains no blocks: {PLAN} cannot be read ({error})"),
                 "name the --output of a gs blocks prepare",
             )
         })?;
@@ -210,16 +210,16 @@ impl BlocksFolder {
         Ok(Self::of(path.to_owned(), serde_json::from_slice(&text).map_err(damaged)?))
     }
 
-    fn of(path: PathBuf, held: Held) -> Self {
-        let plan = &held.plan;
+    fn of(path: PathBuf, content: Content) -> Self {
+        let plan = &content.plan;
         let address = |(block, start): (&BlockPlan, &String)| {
             let views: Vec<_> = block.views.iter().map(|view| &plan.views[view.view]).collect();
-            let parts = (&plan.settings, &plan.ground, &held.origin.reading, block, views);
+            let parts = (&plan.settings, &plan.ground, &content.origin.reading, block, views);
             let parts = serde_json::to_string(&parts).unwrap_or_default();
-            digest::of_texts([VERSION, &held.origin.machine.name, start, &parts])
+            digest::of_texts([VERSION, &content.origin.machine.name, start, &parts])
         };
-        let addresses = plan.blocks.iter().zip(&held.starts).map(address).collect();
-        Self { store: JobStore::new(&path), path, held, addresses }
+        let addresses = plan.blocks.iter().zip(&content.starts).map(address).collect();
+        Self { store: JobStore::new(&path), path, content, addresses }
     }
 
     /// Fails where another machine's results would not be those of the machine that the blocks were prepared for.
@@ -227,7 +227,7 @@ impl BlocksFolder {
     /// # Errors
     /// [`Error::Folder`] with the difference.
     pub fn check(&self, machine: &Machine) -> Result<(), Error> {
-        let prepared = &self.held.origin.machine.name;
+        let prepared = &self.content.origin.machine.name;
         if *prepared == machine.name {
             return Ok(());
         }
@@ -238,12 +238,12 @@ impl BlocksFolder {
 
     /// The plan.
     pub fn plan(&self) -> &BlocksPlan {
-        &self.held.plan
+        &self.content.plan
     }
 
     /// What the blocks were prepared from.
     pub fn origin(&self) -> &Origin {
-        &self.held.origin
+        &self.content.origin
     }
 
     /// The folder's path.
@@ -261,7 +261,7 @@ impl BlocksFolder {
 
     /// The options to write its scenes with.
     pub fn write_options(&self) -> WriteOptions3d {
-        write_options(&self.plan().settings.render, &self.held.origin)
+        write_options(&self.plan().settings.render, &self.content.origin)
     }
 
     /// The Gaussians that a block begins with.
@@ -269,7 +269,7 @@ impl BlocksFolder {
     /// # Errors
     /// [`Error::Io`] where they cannot be read, [`Error::Folder`] where they have changed.
     pub fn start(&self, block: usize) -> Result<Scene3d, Error> {
-        self.scene(&ply(STARTS, block), &self.held.starts[block], "prepare the blocks again in another folder")
+        self.scene(&ply(STARTS, block), &self.content.starts[block], "prepare the blocks again in another folder")
     }
 
     fn scene(&self, name: &str, expected: &str, mend: &'static str) -> Result<Scene3d, Error> {
@@ -297,7 +297,7 @@ impl BlocksFolder {
     ///
     /// # Errors
     /// [`Error::Folder`] where the other process came to another result; those of writing.
-    pub(super) fn store_result(
+    pub(crate) fn store_result(
         &self,
         block: usize,
         steps: u32,
@@ -327,7 +327,7 @@ impl BlocksFolder {
     }
 
     /// Stores how a block ended, and returns it. If another process has finished the block, that stays, and is returned.
-    pub(super) fn store_outcome(&self, block: usize, outcome: BlockOutcome) -> Result<BlockOutcome, Error> {
+    pub(crate) fn store_outcome(&self, block: usize, outcome: BlockOutcome) -> Result<BlockOutcome, Error> {
         if let Some(finished @ BlockOutcome::Finished { .. }) = self.outcome(block)? {
             return Ok(finished);
         }

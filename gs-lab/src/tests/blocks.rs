@@ -145,6 +145,11 @@ fn fixed_gaussians_keep_their_bits_while_others_grow() {
     let Floor { views, plan, starts, .. } = planned(&on, 2, 1);
     let of_block = block_views(&plan, 1, &views).unwrap();
     let mut trainer = begin(&on, &plan, 1, of_block, starts[1].clone()).block_on().unwrap();
+    let few = Start::Scene((0..plan.blocks[1].fixed as usize).map(|index| starts[1].gaussian(index)).collect());
+    for start in [Start::Random, few] {
+        let refused = Trainer3d::from_views(&on, views.clone(), start, plan.settings_of(1)).block_on();
+        assert!(refused.unwrap_err().to_string().contains("number of fixed Gaussians"));
+    }
     trainer.run(&mut ()).block_on().unwrap();
     let (scene, fixed) = (trainer.scene().block_on().unwrap(), plan.blocks[1].fixed as usize);
     let first = |scene: &Scene3d| {
@@ -179,7 +184,7 @@ fn prepared(on: &CpuRasterizer, path: &Path) -> (BlocksFolder, Views) {
 #[derive(Default)]
 struct Stop {
     after: usize,
-    asked: AtomicUsize,
+    requests: AtomicUsize,
     resumed: Mutex<Vec<usize>>,
 }
 
@@ -190,7 +195,7 @@ impl BlocksWatcher for Stop {
     }
 
     fn wants_stop(&self) -> bool {
-        self.asked.fetch_add(1, Ordering::Relaxed) >= self.after
+        self.requests.fetch_add(1, Ordering::Relaxed) >= self.after
     }
 }
 
@@ -256,6 +261,49 @@ fn the_result_depends_neither_on_the_order_nor_on_interruptions() {
 }
 
 #[test]
+fn a_finished_block_stays_and_a_damaged_one_is_done_again() {
+    let (on, place) = (cpu(), tempfile::tempdir().unwrap());
+    let (folder, views) = prepared(&on, &place.path().join("out"));
+    let work = || conduct(&folder, &on, &views, &WorkSettings::default(), &()).unwrap();
+    let failed = BlockOutcome::Failed { error: "for a test".to_owned() };
+    assert_eq!(folder.store_outcome(0, failed.clone()).unwrap(), failed);
+    assert_eq!(work(), Conducted::Whole);
+    let error = folder.merged().unwrap_err().to_string();
+    assert!(error.contains("block 1 failed: for a test: do it with gs blocks work --retry"), "{error}");
+    folder.forget_failures().unwrap();
+    assert!(folder.record(0).unwrap().is_none() && folder.record(1).unwrap().is_some());
+    work();
+    let merged = folder.merged().unwrap();
+    // A failure, or the same result of a process that was slower, changes nothing.
+    let finished = folder.record(0).unwrap().unwrap().outcome;
+    assert_eq!(folder.store_outcome(0, failed).unwrap(), finished);
+    let file = folder.path().join("scenes/1.ply");
+    let bytes = fs::read(&file).unwrap();
+    assert!(folder.store_result(0, 1, 1.0, Scene3d::default()).unwrap_err().to_string().contains("another result"));
+    assert_eq!((folder.record(0).unwrap().unwrap().outcome, fs::read(&file).unwrap()), (finished, bytes.clone()));
+    fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(folder.merged().is_err());
+    folder.forget_failures().unwrap();
+    work();
+    assert_eq!(folder.merged().unwrap(), merged);
+}
+
+#[test]
+fn a_block_may_end_without_a_gaussian() {
+    let (on, place) = (cpu(), tempfile::tempdir().unwrap());
+    let (folder, views) = prepared(&on, &place.path().join("out"));
+    let nothing = Scene3d { sh_degree: 0, ..Scene3d::default() };
+    let outcome = folder.store_result(2, 5, 1.0, nothing).unwrap();
+    assert!(matches!(outcome, BlockOutcome::Finished { gaussians: 0, .. }), "{outcome:?}");
+    assert_eq!(conduct(&folder, &on, &views, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
+    folder.forget_failures().unwrap();
+    let merged = folder.merged().unwrap();
+    let cell = folder.plan().blocks[2].cell;
+    assert!(merged.len() > 100);
+    assert!(!merged.means.iter().any(|mean| cell.contains(folder.plan().ground.place(*mean))));
+}
+
+#[test]
 fn what_has_changed_is_refused() {
     let (on, place) = (cpu(), tempfile::tempdir().unwrap());
     let (folder, views) = prepared(&on, &place.path().join("out"));
@@ -268,7 +316,7 @@ fn what_has_changed_is_refused() {
     assert!(folder.check(&"test".into()).is_ok());
     let other = folder.check(&"cpu avx9".into()).unwrap_err().to_string();
     assert!(other.contains("was prepared for test, but this is cpu avx9"), "{other}");
-    assert!(BlocksFolder::refuse_held(folder.path()).is_err());
+    assert!(BlocksFolder::refuse_existing(folder.path()).is_err());
     let start = folder.path().join("starts/1.ply");
     let bytes = fs::read(&start).unwrap();
     fs::write(&start, [&bytes[..bytes.len() - 1], &[bytes[bytes.len() - 1] ^ 1]].concat()).unwrap();

@@ -49,7 +49,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         let message = "--exactly: the margins of blocks are left out of the result, so their counts are not exact";
         return Err(Failure::usage(message).hint("leave it out"));
     }
-    BlocksFolder::refuse_held(&args.output)?;
+    BlocksFolder::refuse_existing(&args.output)?;
     let mut claim = args.overwrite.claim(&args.output, [MAP], Inputs::from_iter([&args.dataset]));
     claim.folders.extend(BlocksFolder::FOLDERS.map(str::to_owned));
     output_folder::check(&claim)?;
@@ -141,7 +141,7 @@ fn summary(folder: &BlocksFolder, coarse: usize, views: usize) -> Result<(), Fai
     let most = plan.blocks.iter().map(|block| block.memory).max().unwrap_or_default();
     let path = folder.path();
     output::result(format_args!(
-        "{} of {} and {views} views: each view is in {:.2} blocks in the mean, and a block takes at most about {} of \
+        "{} of {} and {views} views: each view is in {:.2} blocks on average, and a block takes at most about {} of \
          memory; see {}; do them with gs blocks work {}",
         counted(plan.blocks.len(), "block"),
         counted(coarse, "coarse Gaussian"),
