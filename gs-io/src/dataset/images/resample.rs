@@ -1,7 +1,7 @@
 //! Undistorts images: computes the picture of a pinhole camera by interpolation. Where a pixel of
 //! a 360° image's face covers several of the image, it is the mean over points spread within it.
 
-use glam::{DVec2, dvec2};
+use glam::{DVec2, Vec4, dvec2, vec4};
 use gs_core::Camera;
 
 use super::CompactImage;
@@ -26,18 +26,19 @@ fn of_samples<S: Sample>(
     let Pixels { has_alpha, samples, .. } = pixels;
     let (samples, mask) = if *has_alpha {
         // Transparent pixels have arbitrary colours, which must not bleed into their neighbours.
-        let premultiplied = |&[r, g, b, a]: &[S; 4]| {
+        let premultiplied = |[r, g, b, a]: &[S; 4]| {
             let opacity = (a.number() / S::WHITE).clamp(0.0, 1.0);
-            [r.number() * opacity, g.number() * opacity, b.number() * opacity, opacity]
+            vec4(r.number() * opacity, g.number() * opacity, b.number() * opacity, opacity)
         };
-        let straight = |[r, g, b, a]: [f32; 4]| {
-            let color = if a > 1e-4 { [r / a, g / a, b / a] } else { [0.0; 3] };
-            [color[0], color[1], color[2], a * S::WHITE].map(S::nearest)
+        let straight = |pixel: Vec4| {
+            let color = if pixel.w > 1e-4 { pixel / pixel.w } else { Vec4::ZERO };
+            [S::nearest(color.x), S::nearest(color.y), S::nearest(color.z), S::nearest(pixel.w * S::WHITE)]
         };
         Grid::new(samples.as_chunks().0, source, premultiplied).warp(source, camera, mask, straight)
     } else {
-        let numbers = |pixel: &[S; 3]| pixel.map(S::number);
-        Grid::new(samples.as_chunks().0, source, numbers).warp(source, camera, mask, |pixel| pixel.map(S::nearest))
+        let numbers = |[r, g, b]: &[S; 3]| vec4(r.number(), g.number(), b.number(), 0.0);
+        let stored = |pixel: Vec4| [S::nearest(pixel.x), S::nearest(pixel.y), S::nearest(pixel.z)];
+        Grid::new(samples.as_chunks().0, source, numbers).warp(source, camera, mask, stored)
     };
     (S::any(Pixels { width: camera.width, height: camera.height, has_alpha: *has_alpha, samples }), mask)
 }
@@ -66,7 +67,7 @@ fn samples(ray: DVec2, seen: Option<DVec2>, focal: DVec2, source: &SourceCamera)
     pixels.ceil().clamp(1.0, MOST_SAMPLES) as u32
 }
 
-impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> [f32; N]> Grid<'a, [S; N], F> {
+impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> Vec4> Grid<'a, [S; N], F> {
     fn new(pixels: &'a [[S; N]], source: &SourceCamera, numbers: F) -> Self {
         Self { pixels, numbers, width: source.width, height: source.height, closed: source.is_panorama() }
     }
@@ -78,7 +79,7 @@ impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> [f32; N]> Grid<'a, [S; N],
         source: &SourceCamera,
         camera: &Camera,
         mask: Option<&[bool]>,
-        stored: impl Fn([f32; N]) -> [S; N],
+        stored: impl Fn(Vec4) -> [S; N],
     ) -> (Vec<S>, Option<Vec<bool>>) {
         let (focal, center) = (camera.focal.as_dvec2(), camera.center.as_dvec2());
         let size = dvec2(f64::from(self.width), f64::from(self.height));
@@ -96,7 +97,7 @@ impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> [f32; N]> Grid<'a, [S; N],
                 let seen = place(DVec2::splat(0.5));
                 let samples = if self.closed { samples(ray(DVec2::splat(0.5)), seen, focal, source) } else { 1 };
                 *pixel = stored(match samples {
-                    1 => seen.map_or([0.0; N], |place| self.between(place)),
+                    1 => seen.map_or(Vec4::ZERO, |place| self.between(place)),
                     _ => self.mean(samples, place),
                 });
                 *is_valid = seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)]));
@@ -114,20 +115,20 @@ impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> [f32; N]> Grid<'a, [S; N],
 
     /// The mean over `samples` × `samples` points of a pixel; `place` gives their positions in the
     /// image for positions from 0 to 1 within the pixel.
-    fn mean(&self, samples: u32, place: impl Fn(DVec2) -> Option<DVec2>) -> [f32; N] {
+    fn mean(&self, samples: u32, place: impl Fn(DVec2) -> Option<DVec2>) -> Vec4 {
         let within = |i: u32| (f64::from(i) + 0.5) / f64::from(samples);
         let points = (0..samples).flat_map(|y| (0..samples).map(move |x| dvec2(within(x), within(y))));
-        let (mut sum, mut count) = ([0.0; N], 0.0);
+        let (mut sum, mut count) = (Vec4::ZERO, 0.0);
         for value in points.filter_map(place).map(|place| self.between(place)) {
-            sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
+            sum += value;
             count += 1.0;
         }
-        if count > 0.0 { sum.map(|sum| sum / count) } else { sum }
+        if count > 0.0 { sum / count } else { sum }
     }
 
     /// Interpolates at a position inside the frame with Catmull-Rom's cubic over 4×4 pixels,
     /// clamped to their range, because a cubic overshoots at edges.
-    fn between(&self, place: DVec2) -> [f32; N] {
+    fn between(&self, place: DVec2) -> Vec4 {
         let corner = (place - 0.5).floor();
         let fraction = place - 0.5 - corner;
         let width = i64::from(self.width);
@@ -136,27 +137,20 @@ impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> [f32; N]> Grid<'a, [S; N],
             (false, x) => x.clamp(0, width - 1) as usize,
         };
         let row = |k: i64| (corner.y as i64 + k).clamp(0, i64::from(self.height) - 1) as usize;
-        let columns = [column(-1), column(0), column(1), column(2)];
-        // Each column is summed first: these 4·N independent sums fit SIMD registers.
-        let (mut sums, mut lows, mut highs) = ([[0.0; N]; 4], [[f32::INFINITY; N]; 4], [[f32::NEG_INFINITY; N]; 4]);
-        for (k, weight) in (-1..).zip(catmull_rom(fraction.y as f32)) {
-            let line = &self.pixels[row(k) * self.width as usize..];
-            for (j, &x) in columns.iter().enumerate() {
-                let values = (self.numbers)(&line[x]);
-                for (c, value) in values.into_iter().enumerate() {
-                    sums[j][c] += weight * value;
-                    lows[j][c] = if value < lows[j][c] { value } else { lows[j][c] };
-                    highs[j][c] = if value > highs[j][c] { value } else { highs[j][c] };
-                }
+        let rows = [row(-1), row(0), row(1), row(2)];
+        let (of_columns, of_rows) = (catmull_rom(fraction.x as f32), catmull_rom(fraction.y as f32));
+        let (mut sum, mut low, mut high) = (Vec4::ZERO, Vec4::INFINITY, Vec4::NEG_INFINITY);
+        for (x, weight) in [column(-1), column(0), column(1), column(2)].into_iter().zip(of_columns) {
+            let mut of_column = Vec4::ZERO;
+            for (y, weight) in rows.into_iter().zip(of_rows) {
+                let value = (self.numbers)(&self.pixels[y * self.width as usize + x]);
+                of_column += weight * value;
+                low = low.min(value);
+                high = high.max(value);
             }
+            sum += weight * of_column;
         }
-        let weights = catmull_rom(fraction.x as f32);
-        std::array::from_fn(|c| {
-            let sum = (0..4).map(|j| weights[j] * sums[j][c]).sum::<f32>();
-            let low = lows.iter().fold(f32::INFINITY, |low, column| low.min(column[c]));
-            let high = highs.iter().fold(f32::NEG_INFINITY, |high, column| high.max(column[c]));
-            sum.max(low).min(high)
-        })
+        sum.max(low).min(high)
     }
 }
 
