@@ -46,7 +46,7 @@ use self::kinds::{LOOKED_FOR, others_in, reader_of, transforms_in};
 pub use self::{
     camera::SourceCamera,
     data_set::{Dataset, DatasetKind, Point},
-    images::{CompactImage, DepthFile, DepthMap, PosedImage, View, read_images},
+    images::{CompactImage, DepthFile, DepthMap, PosedImage, View, Window, read_images},
     remark::{Remark, Skip},
     settings::{AlphaMeaning, DatasetSettings},
     split::{Split, SplitOrigin},

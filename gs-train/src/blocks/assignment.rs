@@ -5,8 +5,8 @@ use gs_core::{
     Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d, constants::SH_C0,
     effects::Statistics,
 };
+use gs_io::dataset::Window;
 
-use super::window::Window;
 use crate::{
     edit::{blending_weights, colorless},
     error::Error,

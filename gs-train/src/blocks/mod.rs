@@ -24,5 +24,4 @@ pub use self::{
     merge::{BlockQuality, Edges, evaluate, own},
     plan::{BlockPlan, BlockView, BlocksPlan, BlocksSettings, SettledView},
     training::{begin, block_views, settle},
-    window::Window,
 };

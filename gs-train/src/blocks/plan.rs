@@ -1,12 +1,12 @@
 //! The plan of a training in blocks: what each block trains, from which views, and for how long.
 
 use gs_core::{Camera, Error as CoreError, Optimizer, Scene as _, Scene3d, examination::Examinable as _};
+use gs_io::dataset::Window;
 use serde::{Deserialize, Serialize};
 
 use super::{
     assignment::{Coarse, Contribution},
     cells::{Cell, Grid, Ground, divide},
-    window::Window,
 };
 use crate::{
     error::Error,

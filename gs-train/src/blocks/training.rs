@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use gs_core::{Optimizer, Scene3d};
 
-use super::plan::{BlockView, BlocksPlan, SettledView};
+use super::{
+    plan::{BlockView, BlocksPlan, SettledView},
+    window::window_of,
+};
 use crate::{
     error::Error,
     train::{Exposures, PosedView, Poses, Start, Trainer3d, Views, pose_of, with_pose},
@@ -44,7 +47,7 @@ pub fn block_views(plan: &BlocksPlan, block: usize, all: &Views) -> Result<Views
         let view = PosedView { camera, ..view.clone() };
         match window {
             None => Some(view),
-            Some(window) => window.is_in(&camera).then(|| window.of(&view)),
+            Some(window) => window.is_in((camera.width, camera.height)).then(|| window_of(&view, window)),
         }
     };
     let used = &plan.blocks[block].views;

@@ -2,63 +2,30 @@
 
 use std::sync::Arc;
 
-use glam::Vec2;
-use gs_core::Camera;
-use gs_io::dataset::{CompactImage, PosedImage};
-use serde::{Deserialize, Serialize};
+use gs_io::dataset::{CompactImage, PosedImage, Window};
 
 use crate::train::{Counting, ImageSource, PosedView};
 
-/// A rectangle of an image, px.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Window {
-    /// Its first column.
-    pub left: u32,
-    /// Its first row.
-    pub top: u32,
-    /// Columns, at least 1.
-    pub width: u32,
-    /// Rows, at least 1.
-    pub height: u32,
-}
-
-impl Window {
-    /// The camera that sees the window of another's image.
-    pub fn camera(&self, whole: &Camera) -> Camera {
-        let corner = Vec2::new(self.left as f32, self.top as f32);
-        Camera { center: whole.center - corner, width: self.width, height: self.height, ..*whole }
-    }
-
-    /// Whether the window lies in an image of this size.
-    pub(super) fn is_in(&self, camera: &Camera) -> bool {
-        let fits =
-            |from: u32, length: u32, size: u32| length > 0 && from.checked_add(length).is_some_and(|end| end <= size);
-        fits(self.left, self.width, camera.width) && fits(self.top, self.height, camera.height)
-    }
-
-    /// The window of a view.
-    pub(super) fn of(self, view: &PosedView) -> PosedView {
-        let source = Arc::new(Cropped { window: self, whole: Arc::clone(&view.source) });
-        PosedView { name: view.name.clone(), camera: self.camera(&view.camera), source }
-    }
+/// The window of a view.
+pub(super) fn window_of(view: &PosedView, window: Window) -> PosedView {
+    let source = Arc::new(Part { window, whole: Arc::clone(&view.source) });
+    PosedView { name: view.name.clone(), camera: window.camera(&view.camera), source }
 }
 
 /// The window of an image.
-struct Cropped {
+struct Part {
     window: Window,
     whole: Arc<dyn ImageSource>,
 }
 
-impl ImageSource for Cropped {
+impl ImageSource for Part {
     fn read(&self) -> Result<PosedImage, gs_io::Error> {
         let failed = |source| gs_io::Error::Content { path: "the window of a view".into(), source };
         self.read_compact()?.to_posed().map_err(failed)
     }
 
     fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
-        let Window { left, top, width, height } = self.window;
-        Ok(self.whole.read_compact()?.cropped([left, top], [width, height]))
+        self.whole.read_window(self.window)
     }
 
     fn is_face(&self) -> bool {
@@ -77,7 +44,8 @@ impl ImageSource for Cropped {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::Image;
+    use glam::Vec2;
+    use gs_core::{Camera, Image};
 
     use super::*;
 
@@ -90,7 +58,7 @@ mod tests {
         let source: Arc<dyn ImageSource> = Arc::new(PosedImage { image, alpha, mask });
         let whole = PosedView { name: "a".to_owned(), camera, source };
         let window = Window { left: 3, top: 2, width: 4, height: 5 };
-        let part = window.of(&whole);
+        let part = window_of(&whole, window);
         let (read, all) = (part.image().unwrap(), whole.image().unwrap());
         for (x, y) in [(0, 0), (3, 4), (2, 1)] {
             let (at, of_all) = ((y * 4 + x) as usize, ((y + 2) * 12 + x + 3) as usize);
@@ -102,6 +70,6 @@ mod tests {
         let point = glam::Vec3::new(0.1, -0.2, 2.0);
         let (there, here) = (camera.project(point).unwrap(), part.camera.project(point).unwrap());
         assert!(there.0.distance(here.0 + Vec2::new(3.0, 2.0)) < 1e-5 && there.1 == here.1);
-        assert!(window.is_in(&camera) && !Window { width: 10, ..window }.is_in(&camera));
+        assert!(window.is_in((12, 8)) && !Window { width: 10, ..window }.is_in((12, 8)));
     }
 }

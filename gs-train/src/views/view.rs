@@ -5,7 +5,7 @@ use std::{fmt, path::PathBuf, sync::Arc};
 use gs_core::{Camera, Image};
 use gs_io::{
     WorldFrame,
-    dataset::{AlphaMeaning, CompactImage, Dataset, DepthMap, PosedImage, Split, View},
+    dataset::{AlphaMeaning, CompactImage, Dataset, DepthMap, PosedImage, Split, View, Window},
 };
 use rayon::prelude::*;
 
@@ -35,6 +35,17 @@ pub trait ImageSource: Send + Sync {
     /// Those of [`Self::read`].
     fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
         Ok(CompactImage::from(&self.read()?))
+    }
+
+    /// A part of what [`Self::read_compact`] reads.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    ///
+    /// # Panics
+    /// Where the window is not in the image.
+    fn read_window(&self, window: Window) -> Result<CompactImage, gs_io::Error> {
+        Ok(self.read_compact()?.cropped(window))
     }
 
     /// Says that the image will soon be read. By default, nothing is done about it.
@@ -112,6 +123,10 @@ impl ImageSource for View {
 
     fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
         Self::read_compact(self)
+    }
+
+    fn read_window(&self, window: Window) -> Result<CompactImage, gs_io::Error> {
+        Self::read_window(self, window)
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {

@@ -1,6 +1,6 @@
 //! An image for training in the samples of its file, with its mask.
 
-use super::PosedImage;
+use super::{PosedImage, Window};
 use crate::image::{AnyPixels, Pixels, Sample, with_pixels};
 
 /// A [`PosedImage`] in a quarter of its memory: in 8 bits a channel, 16 where its file has more, or
@@ -27,22 +27,22 @@ impl CompactImage {
         (samples + self.mask.as_ref().map_or(0, Vec::len)) as u64
     }
 
-    /// The part of these columns and rows (width, height) whose first column and row are `[left, top]`.
+    /// A part of the image.
     ///
     /// # Panics
-    /// Where the image does not have them all.
+    /// Where the window is not in the image.
     #[must_use]
-    pub fn cropped(&self, [left, top]: [u32; 2], [width, height]: [u32; 2]) -> Self {
+    pub fn cropped(&self, Window { left, top, width, height }: Window) -> Self {
         let all = self.size().0 as usize;
         let rows = |each: usize| {
             let from = move |y: u32| each * (y as usize * all + left as usize);
             (top..top + height).map(move |y| from(y)..from(y) + each * width as usize)
         };
-        let mask = self.mask.as_ref().map(|mask| rows(1).flat_map(|row| &mask[row]).copied().collect());
+        let mask = self.mask.as_ref().map(|mask| rows(1).map(|row| &mask[row]).collect::<Vec<_>>().concat());
         let pixels = with_pixels!(&self.pixels, pixels => {
             let has_alpha = pixels.has_alpha;
-            let samples = rows(if has_alpha { 4 } else { 3 }).flat_map(|row| &pixels.samples[row]).copied().collect();
-            Sample::any(Pixels { width, height, has_alpha, samples })
+            let lines: Vec<_> = rows(pixels.channels()).map(|row| &pixels.samples[row]).collect();
+            Sample::any(Pixels { width, height, has_alpha, samples: lines.concat() })
         });
         Self { pixels, mask }
     }

@@ -1,7 +1,7 @@
 //! The files of a view: its image, undistorted and scaled, and its depth map.
 //!
-//! [`View::read_image`] and [`View::read_depth`] read them, [`read_images`] the images of several
-//! views.
+//! [`View::read_image`] and [`View::read_depth`] read them, [`View::read_window`] a part of the image,
+//! [`read_images`] the images of several views.
 
 mod border;
 mod compact_image;
@@ -12,6 +12,7 @@ mod resample;
 mod shape;
 mod shrink;
 mod view;
+mod window;
 
 pub use self::{
     compact_image::CompactImage,
@@ -19,6 +20,7 @@ pub use self::{
     posed_image::PosedImage,
     read_image::read_images,
     view::{DepthFile, View},
+    window::Window,
 };
 pub(super) use self::{
     depth::{check as check_depth, find as find_depth},

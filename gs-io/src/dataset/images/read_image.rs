@@ -1,7 +1,10 @@
 //! Reads the image of a view on demand: decoded, undistorted and masked.
 
+use std::borrow::Cow;
+
 use super::{
-    CompactImage, PosedImage, View, border::mask_border, resample::undistorted, shape::same_shape, shrink::shrunk,
+    CompactImage, PosedImage, View, Window, border::mask_border, resample::undistorted, shape::same_shape,
+    shrink::Shrinking,
 };
 use crate::{
     atomic::read_file,
@@ -22,7 +25,7 @@ pub fn read_images(views: &[View]) -> Result<Vec<CompactImage>, Error> {
             [view] => images.push(view.read_compact()?),
             [first, ..] => {
                 let whole = first.read_whole()?;
-                images.extend(shared.iter().map(|view| view.undistorted(&whole)));
+                images.extend(shared.iter().map(|view| view.window_of(Cow::Borrowed(&whole), view.all())));
             }
             [] => {}
         }
@@ -53,8 +56,19 @@ impl View {
     /// # Errors
     /// Those of [`Self::read_image`].
     pub fn read_compact(&self) -> Result<CompactImage, Error> {
-        let whole = self.read_whole()?;
-        Ok(if self.source.lens.is_pinhole() { self.scaled(whole) } else { self.undistorted(&whole) })
+        self.read_window(self.all())
+    }
+
+    /// A part of what [`Self::read_compact`] reads, without computing the rest.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_image`].
+    ///
+    /// # Panics
+    /// Where the window is not in the image of the view's camera.
+    pub fn read_window(&self, window: Window) -> Result<CompactImage, Error> {
+        assert!(window.is_in((self.camera.width, self.camera.height)), "{window:?} is not in the image");
+        Ok(self.window_of(Cow::Owned(self.read_whole()?), window))
     }
 
     /// A checksum of the bytes of the view's files: image, mask and depth map. Views with other files
@@ -74,15 +88,25 @@ impl View {
         Ok(hasher.finalize())
     }
 
-    /// The image of this view, from that of its file.
-    fn undistorted(&self, whole: &CompactImage) -> CompactImage {
-        self.scaled(undistorted(whole, &self.source, &self.full))
+    /// The window that is the whole image of the view's camera.
+    fn all(&self) -> Window {
+        Window::whole((self.camera.width, self.camera.height))
     }
 
-    /// The image at the size of the view's camera.
-    fn scaled(&self, image: CompactImage) -> CompactImage {
-        let size = (self.camera.width, self.camera.height);
-        if image.size() == size { image } else { shrunk(&image, size) }
+    /// A window of the image of the view's camera, from the image of the file.
+    fn window_of(&self, file: Cow<'_, CompactImage>, window: Window) -> CompactImage {
+        let (old, new) = ((self.full.width, self.full.height), (self.camera.width, self.camera.height));
+        let shrinking = (old != new).then(|| Shrinking::new(old, new, window));
+        let needed = shrinking.as_ref().map_or(window, Shrinking::needed);
+        let part = match self.source.lens.is_pinhole() {
+            true if needed == Window::whole(file.size()) => file,
+            true => Cow::Owned(file.cropped(needed)),
+            false => Cow::Owned(undistorted(&file, &self.source, &self.full, needed)),
+        };
+        match shrinking {
+            None => part.into_owned(),
+            Some(shrinking) => shrinking.shrunk(&part),
+        }
     }
 
     /// The image file with its alpha and mask, as the camera took it.

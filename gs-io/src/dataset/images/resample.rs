@@ -4,16 +4,21 @@
 use glam::{DVec2, Vec4, dvec2, vec4};
 use gs_core::Camera;
 
-use super::CompactImage;
+use super::{CompactImage, Window};
 use crate::{
     dataset::SourceCamera,
     image::{AnyPixels, Pixels, Sample, with_pixels},
 };
 
-/// The picture that the pinhole `camera` would have seen from the place of `source`.
-pub(crate) fn undistorted(whole: &CompactImage, source: &SourceCamera, camera: &Camera) -> CompactImage {
+/// A window of the picture that the pinhole `camera` would have seen from the place of `source`.
+pub(super) fn undistorted(
+    whole: &CompactImage,
+    source: &SourceCamera,
+    camera: &Camera,
+    window: Window,
+) -> CompactImage {
     let mask = whole.mask.as_deref();
-    let (pixels, mask) = with_pixels!(&whole.pixels, pixels => of_samples(pixels, mask, source, camera));
+    let (pixels, mask) = with_pixels!(&whole.pixels, pixels => of_samples(pixels, mask, source, (camera, window)));
     CompactImage { pixels, mask }
 }
 
@@ -21,7 +26,7 @@ fn of_samples<S: Sample>(
     pixels: &Pixels<S>,
     mask: Option<&[bool]>,
     source: &SourceCamera,
-    camera: &Camera,
+    to: (&Camera, Window),
 ) -> (AnyPixels, Option<Vec<bool>>) {
     let Pixels { has_alpha, samples, .. } = pixels;
     let (samples, mask) = if *has_alpha {
@@ -34,13 +39,14 @@ fn of_samples<S: Sample>(
             let color = if pixel.w > 1e-4 { pixel / pixel.w } else { Vec4::ZERO };
             [S::nearest(color.x), S::nearest(color.y), S::nearest(color.z), S::nearest(pixel.w * S::WHITE)]
         };
-        Grid::new(samples.as_chunks().0, source, premultiplied).warp(source, camera, mask, straight)
+        Grid::new(samples.as_chunks().0, source, premultiplied).warp(source, to, mask, straight)
     } else {
         let numbers = |[r, g, b]: &[S; 3]| vec4(r.number(), g.number(), b.number(), 0.0);
         let stored = |pixel: Vec4| [S::nearest(pixel.x), S::nearest(pixel.y), S::nearest(pixel.z)];
-        Grid::new(samples.as_chunks().0, source, numbers).warp(source, camera, mask, stored)
+        Grid::new(samples.as_chunks().0, source, numbers).warp(source, to, mask, stored)
     };
-    (S::any(Pixels { width: camera.width, height: camera.height, has_alpha: *has_alpha, samples }), mask)
+    let Window { width, height, .. } = to.1;
+    (S::any(Pixels { width, height, has_alpha: *has_alpha, samples }), mask)
 }
 
 /// Pixels with interpolation.
@@ -77,20 +83,21 @@ impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> Vec4> Grid<'a, [S; N], F> 
     fn warp(
         &self,
         source: &SourceCamera,
-        camera: &Camera,
+        (camera, window): (&Camera, Window),
         mask: Option<&[bool]>,
         stored: impl Fn(Vec4) -> [S; N],
     ) -> (Vec<S>, Option<Vec<bool>>) {
         let (focal, center) = (camera.focal.as_dvec2(), camera.center.as_dvec2());
         let size = dvec2(f64::from(self.width), f64::from(self.height));
-        let width = camera.width as usize;
-        let count = width * camera.height as usize;
+        let corner = dvec2(f64::from(window.left), f64::from(window.top));
+        let width = window.width as usize;
+        let count = width * window.height as usize;
         let (mut warped, mut counts) = (vec![S::default(); N * count], vec![false; count]);
         let pixels = warped.as_chunks_mut::<N>().0;
         let rows = pixels.chunks_mut(width.max(1)).zip(counts.chunks_mut(width.max(1))).enumerate();
         for (y, (pixels, counts)) in rows {
             for (x, (pixel, is_valid)) in pixels.iter_mut().zip(counts).enumerate() {
-                let ray = |within: DVec2| (dvec2(x as f64, y as f64) + within - center) / focal;
+                let ray = |within: DVec2| (dvec2(x as f64, y as f64) + corner + within - center) / focal;
                 let place = |within: DVec2| {
                     source.to_pixel(ray(within)).filter(|p| p.cmpge(DVec2::ZERO).all() && p.cmple(size).all())
                 };

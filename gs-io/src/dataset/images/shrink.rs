@@ -2,7 +2,7 @@
 
 use gs_core::Camera;
 
-use super::CompactImage;
+use super::{CompactImage, Window};
 use crate::image::{AnyPixels, Pixels, Sample, with_pixels};
 
 /// A pixel counts if at least this share of its area is covered; less is rounding.
@@ -28,30 +28,67 @@ pub(crate) fn within((width, height): (u32, u32), max_side: u32) -> (u32, u32) {
     if longer > max_side { (scaled(width), scaled(height)) } else { (width, height) }
 }
 
-/// The image at a size no larger than its own: means of (premultiplied) colours over the area that
-/// counts. A pixel counts if any of its area does.
-pub(crate) fn shrunk(image: &CompactImage, size: (u32, u32)) -> CompactImage {
-    let (pixels, mask) = with_pixels!(&image.pixels, pixels => match (pixels.has_alpha, &image.mask) {
-        (false, None) => (means(pixels, size), None),
-        (_, mask) => weighted_means(pixels, mask.as_deref(), size),
-    });
-    CompactImage { pixels, mask }
+/// A picture that is scaled down, of which only a window is wanted.
+pub(super) struct Shrinking {
+    /// Its size, and that at the smaller scale.
+    old: (u32, u32),
+    new: (u32, u32),
+    /// The window, at the smaller scale.
+    window: Window,
+}
+
+impl Shrinking {
+    /// From the size `old` to `new`, which is no larger.
+    pub(super) fn new(old: (u32, u32), new: (u32, u32), window: Window) -> Self {
+        Self { old, new, window }
+    }
+
+    /// The window of the larger picture that [`Self::shrunk`] needs.
+    pub(super) fn needed(&self) -> Window {
+        let axis = |old: u32, new: u32, from: u32, length: u32| {
+            let spans = spans(old, new, from, length);
+            let (first, last) = (&spans[0], &spans[spans.len() - 1]);
+            (first.first as u32, (last.first + last.weights.len() - first.first) as u32)
+        };
+        let Self { old, new, window } = *self;
+        let (left, width) = axis(old.0, new.0, window.left, window.width);
+        let (top, height) = axis(old.1, new.1, window.top, window.height);
+        Window { left, top, width, height }
+    }
+
+    /// The window, made of the [needed](Self::needed) part: means of (premultiplied) colours over the area
+    /// that counts. A pixel counts if any of its area does.
+    pub(super) fn shrunk(&self, part: &CompactImage) -> CompactImage {
+        let axis = |old: u32, new: u32, from: u32, length: u32| {
+            let mut spans = spans(old, new, from, length);
+            let first = spans[0].first;
+            spans.iter_mut().for_each(|span| span.first -= first);
+            spans
+        };
+        let Self { old, new, window } = *self;
+        let columns = axis(old.0, new.0, window.left, window.width);
+        let rows = axis(old.1, new.1, window.top, window.height);
+        let (pixels, mask) = with_pixels!(&part.pixels, pixels => match (pixels.has_alpha, &part.mask) {
+            (false, None) => (means(pixels, &columns, &rows), None),
+            (_, mask) => weighted_means(pixels, mask.as_deref(), &columns, &rows),
+        });
+        CompactImage { pixels, mask }
+    }
 }
 
 /// The means of opaque pixels.
-fn means<S: Sample>(pixels: &Pixels<S>, (width, height): (u32, u32)) -> AnyPixels {
-    let (columns, rows) = (spans(pixels.width, width), spans(pixels.height, height));
+fn means<S: Sample>(pixels: &Pixels<S>, columns: &[Span], rows: &[Span]) -> AnyPixels {
     let stride = 3 * pixels.width as usize;
-    let mut samples = vec![S::default(); 3 * width as usize * height as usize];
+    let mut samples = vec![S::default(); 3 * columns.len() * rows.len()];
     let mut line = vec![0.0; stride];
-    for (samples, row) in samples.chunks_mut(3 * columns.len().max(1)).zip(&rows) {
+    for (samples, row) in samples.chunks_mut(3 * columns.len().max(1)).zip(rows) {
         line.fill(0.0);
         for (y, weight) in row.parts() {
             let stored = &pixels.samples[y * stride..][..stride];
             line.iter_mut().zip(stored).for_each(|(sum, sample)| *sum += weight * sample.number());
         }
         let line = line.as_chunks::<3>().0;
-        for (pixel, column) in samples.as_chunks_mut::<3>().0.iter_mut().zip(&columns) {
+        for (pixel, column) in samples.as_chunks_mut::<3>().0.iter_mut().zip(columns) {
             let mut sums = [0.0; 3];
             for (values, weight) in line[column.first..].iter().zip(&column.weights) {
                 sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
@@ -60,6 +97,7 @@ fn means<S: Sample>(pixels: &Pixels<S>, (width, height): (u32, u32)) -> AnyPixel
             pixel.iter_mut().zip(sums).for_each(|(sample, sum)| *sample = S::nearest(sum));
         }
     }
+    let (width, height) = (columns.len() as u32, rows.len() as u32);
     S::any(Pixels { width, height, has_alpha: false, samples })
 }
 
@@ -70,13 +108,13 @@ type Sums = [f32; 5];
 fn weighted_means<S: Sample>(
     pixels: &Pixels<S>,
     mask: Option<&[bool]>,
-    (width, height): (u32, u32),
+    columns: &[Span],
+    rows: &[Span],
 ) -> (AnyPixels, Option<Vec<bool>>) {
-    let (columns, rows) = (spans(pixels.width, width), spans(pixels.height, height));
     let stride = pixels.width as usize;
-    let mut sums: Vec<Sums> = vec![[0.0; 5]; width as usize * height as usize];
+    let mut sums: Vec<Sums> = vec![[0.0; 5]; columns.len() * rows.len()];
     let mut line: Vec<Sums> = vec![[0.0; 5]; stride];
-    for (sums, row) in sums.chunks_mut(columns.len().max(1)).zip(&rows) {
+    for (sums, row) in sums.chunks_mut(columns.len().max(1)).zip(rows) {
         line.fill([0.0; 5]);
         for (y, weight) in row.parts() {
             for (x, sums) in line.iter_mut().enumerate() {
@@ -88,7 +126,7 @@ fn weighted_means<S: Sample>(
                 }
             }
         }
-        for (sums, column) in sums.iter_mut().zip(&columns) {
+        for (sums, column) in sums.iter_mut().zip(columns) {
             column.parts().for_each(|(x, weight)| add(sums, &line[x], weight));
         }
     }
@@ -103,6 +141,7 @@ fn weighted_means<S: Sample>(
     };
     let samples = sums.iter().flat_map(pixel).collect();
     let counts = || sums.iter().map(|&[.., area]| area > COVERED).collect();
+    let (width, height) = (columns.len() as u32, rows.len() as u32);
     (S::any(Pixels { width, height, has_alpha: pixels.has_alpha, samples }), mask.map(|_| counts()))
 }
 
@@ -122,8 +161,8 @@ impl Span {
     }
 }
 
-/// The spans of `new` pixels over `old` ≥ `new`.
-fn spans(old: u32, new: u32) -> Vec<Span> {
+/// The spans of `length` pixels from `from` on, of `new` over `old` ≥ `new`.
+fn spans(old: u32, new: u32, from: u32, length: u32) -> Vec<Span> {
     let step = f64::from(old) / f64::from(new);
     let span = |i: u32| {
         let (start, end) = (f64::from(i) * step, f64::from(i + 1) * step);
@@ -131,7 +170,7 @@ fn spans(old: u32, new: u32) -> Vec<Span> {
         let covered = |k: u32| (f64::from(k + 1).min(end) - f64::from(k).max(start)).max(0.0) / step;
         Span { first: first as usize, weights: (first..last).map(|k| covered(k) as f32).collect() }
     };
-    (0..new).map(span).collect()
+    (from..from + length).map(span).collect()
 }
 
 #[cfg(test)]
@@ -147,7 +186,13 @@ mod tests {
     }
 
     fn shrunk(posed: &PosedImage, size: (u32, u32)) -> PosedImage {
-        super::shrunk(&CompactImage::from(posed), size).to_posed().unwrap()
+        of_compact(&CompactImage::from(posed), size).to_posed().unwrap()
+    }
+
+    fn of_compact(image: &CompactImage, size: (u32, u32)) -> CompactImage {
+        let shrinking = Shrinking::new(image.size(), size, Window::whole(size));
+        assert_eq!(shrinking.needed(), Window::whole(image.size()));
+        shrinking.shrunk(image)
     }
 
     #[test]
@@ -175,7 +220,7 @@ mod tests {
     fn means_are_rounded_to_the_samples_of_the_file() {
         let samples = vec![12, 0, 255, 20, 1, 255, 32, 1, 255, 41, 2, 255];
         let pixels = u8::any(Pixels { width: 4, height: 1, has_alpha: false, samples });
-        let small = super::shrunk(&CompactImage { pixels, mask: None }, (3, 1));
+        let small = of_compact(&CompactImage { pixels, mask: None }, (3, 1));
         // A column and a third each: (12 + 20/3) · 3/4 = 14, (20 + 32)/2 = 26 and (32/3 + 41) · 3/4 = 38.75.
         let expected = [14, 0, 255, 26, 1, 255, 39, 2, 255];
         let AnyPixels::Bits8(found) = &small.pixels else { panic!("{small:?}") };

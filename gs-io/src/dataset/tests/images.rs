@@ -1,10 +1,10 @@
 //! The image of a view: undistorted, masked, with its alpha, the right way up.
 
-use std::fs;
+use std::{fs, num::NonZeroU32};
 
 use crate::{
     Error, Orientation, PngExtras,
-    dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, PosedImage, read_dataset},
+    dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, PosedImage, Window, read_dataset},
     write_png_with,
 };
 use glam::{DVec2, dvec2};
@@ -146,6 +146,36 @@ fn masks_of_any_size_black_out_what_does_not_count() {
     crate::write_png(place.path().join("masks/view 000.png.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
     let error = views[0].read_image().unwrap_err();
     assert!(error.to_string().contains("is 20x20 px, but 40x"), "{error}");
+}
+
+#[test]
+fn a_window_is_what_the_whole_image_has_there() {
+    let window = Window { left: 5, top: 3, width: 11, height: 9 };
+    for (parameters, is_masked) in [(&[60.0, 32.0, 24.0, -0.1][..], false), (&[25.0, 32.0, 24.0, -0.3], true)] {
+        for max_side in [None, NonZeroU32::new(37)] {
+            let place = folder();
+            let blank = Image::filled(64, 48, [0.0; 3]).unwrap();
+            one_view(place.path(), "SIMPLE_RADIAL", parameters, &blank);
+            let file = place.path().join("images/view 000.png");
+            for alpha in [255, 60] {
+                let color = |x: u32, y: u32| [(4 * x) as u8, (5 * y) as u8, (x * y) as u8];
+                let pixels = |x: u32, y: u32| {
+                    let [r, g, b] = color(x, y);
+                    [r, g, b, if x % 5 < 2 { alpha } else { 255 }]
+                };
+                rgba(64, 48, pixels).save(&file).unwrap();
+                let settings = DatasetSettings::default().with(|s| s.max_side = max_side);
+                let view = read_dataset(place.path(), &settings).unwrap().views.remove(0);
+                let expected = view.read_compact().unwrap().cropped(window).to_posed().unwrap();
+                let read = view.read_window(window).unwrap().to_posed().unwrap();
+                assert_eq!((&read.image, &read.alpha), (&expected.image, &expected.alpha));
+                // A window of which all pixels count has no mask.
+                let all = vec![true; 99];
+                assert_eq!(read.mask.unwrap_or(all.clone()), expected.mask.unwrap_or(all));
+                assert_eq!(view.read_compact().unwrap().to_posed().unwrap().mask.is_some(), is_masked);
+            }
+        }
+    }
 }
 
 #[test]
