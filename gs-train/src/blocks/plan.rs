@@ -223,6 +223,7 @@ impl BlocksPlan {
     pub fn settings_of(&self, block: usize) -> TrainSettings {
         let BlockPlan { fixed, gaussians, steps, .. } = self.blocks[block];
         let mut settings = self.settings.clone().lasting(steps).with_gaussians(gaussians);
+        settings.adam = settings.adam.standing_for(self.settings.iterations as f32 / steps as f32);
         settings.fixed = fixed;
         // The model that it begins with has all degrees, and is not to be left for another.
         settings.sh_degree_every = 0;
