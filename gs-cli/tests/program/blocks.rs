@@ -73,6 +73,27 @@ fn blocks_have_the_bits_of_one_process_whoever_is_killed() {
 }
 
 #[test]
+fn memory_decides_how_many_blocks_there_are() {
+    let place = tempfile::tempdir().unwrap();
+    let (data, output) = (dataset(place.path()), place.path().join("one"));
+    let text = |run: Run| run.done().stdout;
+    assert!(text(prepare(&data, &output, &["--memory", "1G"])).starts_with("1 block of "));
+    let coarse = output.join("coarse");
+    let with = |name: &str, memory: &str| {
+        let flags = ["--model", coarse.to_str().unwrap(), "--memory", memory];
+        prepare(&data, &place.path().join(name), &flags)
+    };
+    // What the last division but one needed is too much by one byte.
+    let plan: serde_json::Value = serde_json::from_slice(&fs::read(output.join("blocks.json")).unwrap()).unwrap();
+    let needed = plan["plan"]["blocks"][0]["memory"].as_u64().unwrap();
+    let two = text(with("two", &(needed - 1).to_string()));
+    assert!(two.starts_with("2 blocks of "), "{two}");
+    let none = with("none", "1M");
+    assert!(none.status == Some(1) && none.stderr.contains("more blocks do not take less"), "{none:?}");
+    assert!(!place.path().join("none/blocks.json").exists());
+}
+
+#[test]
 fn what_cannot_be_done_is_refused_in_one_line() {
     let place = folder();
     let (data, output) = (dataset(place.path()), place.path().join("out"));
@@ -80,6 +101,7 @@ fn what_cannot_be_done_is_refused_in_one_line() {
     refused(prepare(&data, &output, &["--blocks", "4"]), "write it as MxN, such as 4x4");
     refused(prepare(&data, &output, &["--blocks", "1x1", "--margin", "2"]), "margin is 2");
     refused(prepare(&data, &output, &["--blocks", "1x1", "--minutes", "2"]), "--minutes");
+    refused(prepare(&data, &output, &["--blocks", "1x1", "--memory", "1G"]), "--memory is for --blocks auto");
     refused(prepare(&data, &output, &["--blocks", "1x1", "--exactly"]), "--exactly");
     refused(prepare(&place.path().join("none"), &output, &["--blocks", "1x1"]), "none");
     refused(gs(words("work", place.path())), "contains no blocks");

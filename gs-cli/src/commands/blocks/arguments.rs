@@ -12,13 +12,13 @@ use crate::{
         backend::BackendArgs,
         cluster::{SlurmArgs, WorkerArgs},
         dataset::{DatasetArgs, MaxSize},
-        values::whole,
+        values::{bytes, whole},
     },
 };
 
 const AFTER_HELP: &str = "\
 Blocks are trained in four steps:
-  gs blocks prepare DATASET -o DIR --blocks 4x4
+  gs blocks prepare DATASET -o DIR
       train a coarse model of the whole, divide the ground into cells of equal work, and plan what each \
 block trains, with which views
   gs blocks work DIR
@@ -75,11 +75,16 @@ pub(crate) struct PrepareArgs {
     /// Folder for the blocks and the results; made if necessary
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Columns and rows of cells; columns are to the right, rows ahead, of equal work
-    #[arg(long, value_name = "MxN")]
+    /// Columns and rows of cells, of equal work; columns are to the right, rows ahead. auto makes as few
+    /// blocks as --memory allows
+    #[arg(long, value_name = "auto|MxN", default_value = "auto")]
     pub(crate) blocks: BlocksGrid,
+    /// The most memory of a process that trains a block, such as 8G, for --blocks auto [default: that of
+    /// this machine]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    pub(crate) memory: Option<u64>,
     /// Width of the margin in which a block also trains, at each side of its cell, as a share of the cell's work
-    #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
     pub(crate) margin: f64,
     /// Least share of a view's blending weights for a block to use the view
     #[arg(long, value_name = "SHARE", default_value_t = 0.02)]
@@ -113,20 +118,26 @@ impl PrepareArgs {
     }
 }
 
-/// A number of columns and rows, written MxN.
+/// A number of columns and rows, written MxN, or auto.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct BlocksGrid(pub(crate) Grid);
+pub(crate) enum BlocksGrid {
+    Auto,
+    Of(Grid),
+}
 
 impl FromStr for BlocksGrid {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
         let parsed = text.split_once('x').and_then(|(columns, rows)| {
             Some((columns.parse().ok().filter(|count| *count > 0)?, rows.parse().ok().filter(|count| *count > 0)?))
         });
         match parsed {
-            Some((columns, rows)) if columns <= 1000 && rows <= 1000 => Ok(Self(Grid { columns, rows })),
-            _ => Err("write it as MxN, such as 4x4; each from 1 to 1000".to_owned()),
+            Some((columns, rows)) if columns <= 1000 && rows <= 1000 => Ok(Self::Of(Grid { columns, rows })),
+            _ => Err("write it as MxN, such as 4x4, each from 1 to 1000, or auto".to_owned()),
         }
     }
 }
@@ -207,7 +218,8 @@ mod tests {
 
     #[test]
     fn grids_are_two_counts() {
-        assert_eq!("4x2".parse(), Ok(BlocksGrid(Grid { columns: 4, rows: 2 })));
+        assert_eq!("4x2".parse(), Ok(BlocksGrid::Of(Grid { columns: 4, rows: 2 })));
+        assert_eq!("auto".parse(), Ok(BlocksGrid::Auto));
         for bad in ["", "4", "0x2", "2x0", "2x", "x2", "2x2x2", "1001x1", "-1x2", "2,2"] {
             assert!(bad.parse::<BlocksGrid>().is_err(), "{bad}");
         }

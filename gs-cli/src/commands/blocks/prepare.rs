@@ -14,11 +14,14 @@ use gs_lab::{
     study::Machine,
 };
 use gs_train::{
-    blocks::{BlocksPlan, BlocksSettings, settle},
+    blocks::{BlocksPlan, BlocksSettings, Grid, settle},
     train::Views,
 };
 
-use super::{IMAGE_MEMORY, arguments::PrepareArgs};
+use super::{
+    IMAGE_MEMORY,
+    arguments::{BlocksGrid, PrepareArgs},
+};
 use crate::{
     commands::train::{self, TrainArgs, TrainSettingsArgs},
     failure::Failure,
@@ -30,6 +33,7 @@ use crate::{
         cluster::absolute,
         dataset::{DatasetArgs, ReadingArgs},
     },
+    memory,
     terminal::output::{self, quoted},
     training::arguments::RunArgs,
 };
@@ -55,7 +59,8 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
     output_folder::check(&claim)?;
     let dataset = args.images.read(&args.dataset)?;
     let mut settings = train::settings(&args.settings, &dataset)?;
-    let division = BlocksSettings { grid: args.blocks.0, margin: args.margin, threshold: args.threshold };
+    let (grid, most) = first_grid(args)?;
+    let division = BlocksSettings { grid, margin: args.margin, threshold: args.threshold };
     division.validate().map_err(Failure::usage)?;
     let coarse = match &args.model {
         Some(model) => model.clone(),
@@ -87,13 +92,61 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         frame: dataset.frame,
     };
     let mut preparing = BlocksFolder::prepare(&args.output, &settings.render, &origin)?;
-    let store = |block: usize, scene: &_| Ok(preparing.store(block, scene)?);
-    let plan =
-        BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on();
+    let plan = divided(division, most, |division| {
+        let store = |block: usize, scene: &_| Ok(preparing.store(block, scene)?);
+        let (settled, settings) = (settled.clone(), settings.clone());
+        let plan = BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store);
+        Ok(plan.block_on()?)
+    });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
     output.write(MAP, map(&plan, views.train_cameras()))?;
     let folder = preparing.finish(origin, plan)?;
     summary(&folder, model.scene.len(), views.train.len())
+}
+
+/// The grid to try first, and the memory that a block may take, if the grid is to follow from it.
+fn first_grid(args: &PrepareArgs) -> Result<(Grid, Option<u64>), Failure> {
+    match (args.blocks, args.memory) {
+        (BlocksGrid::Of(_), Some(_)) => Err(Failure::usage("--memory is for --blocks auto: leave out one of both")),
+        (BlocksGrid::Of(grid), None) => Ok((grid, None)),
+        (BlocksGrid::Auto, memory) => {
+            let unknown = || Failure::usage("--memory: this system does not say how much memory there is");
+            let most = memory.or_else(memory::room).ok_or_else(|| unknown().hint("set it, such as --memory 8G"))?;
+            Ok((Grid { columns: 1, rows: 1 }, Some(most)))
+        }
+    }
+}
+
+/// Plans a division, or more and more blocks until each of them takes at most this much memory.
+fn divided(
+    mut division: BlocksSettings,
+    most: Option<u64>,
+    mut plan: impl FnMut(BlocksSettings) -> Result<BlocksPlan, Failure>,
+) -> Result<BlocksPlan, Failure> {
+    // What the last division needed.
+    let mut last: Option<(u64, String)> = None;
+    loop {
+        let tried = plan(division);
+        let needed = |plan: &BlocksPlan| plan.blocks.iter().map(|block| block.memory).max().unwrap_or_default();
+        let (most, needed) = match (most, &tried, &last) {
+            (Some(most), Ok(plan), _) if needed(plan) > most => (most, needed(plan)),
+            (Some(most), Err(_), Some((least, _))) => (most, *least),
+            _ => return tried,
+        };
+        if let Some((_, takes)) = last.as_ref().filter(|(least, _)| needed >= *least) {
+            let message = format!("--memory {}: {takes}, and more blocks do not take less", amount(most));
+            return Err(Failure::failed(message).hint("allow more, or reduce --max-size or --coarse-gaussians"));
+        }
+        let Grid { columns, rows } = division.grid;
+        let takes = format!("in {columns}x{rows} blocks, a block takes about {} of memory", amount(needed));
+        output::note(&takes);
+        last = Some((needed, takes));
+        // As many as would be enough if all of the memory could be divided.
+        let enough = (f64::from(columns * rows) * needed as f64 / most as f64).ceil() as u32;
+        let count = enough.clamp(columns * rows + 1, 4 * columns * rows);
+        let columns = f64::from(count).sqrt().ceil() as u32;
+        division.grid = Grid { columns, rows: count.div_ceil(columns) };
+    }
 }
 
 /// Fails for a model without a checkpoint whose summary says that poses or exposure were corrected.
