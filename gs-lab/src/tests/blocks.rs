@@ -16,7 +16,7 @@ use gs_io::WorldFrame;
 use gs_jobs::{AtEnd, Shard, WorkSettings};
 use gs_train::{
     Recovery, Rounds, TrainSettings, Trainer3d,
-    blocks::{BlocksPlan, BlocksSettings, Grid, begin, block_views, evaluate, own, settle},
+    blocks::{BlocksEvaluation, BlocksPlan, BlocksSettings, Grid, begin, block_views, evaluate, own, settle},
     train::{PosedView, Start, TrainPreset, Views},
 };
 
@@ -241,14 +241,14 @@ fn the_result_depends_neither_on_the_order_nor_on_interruptions() {
         .sum();
     assert_eq!(counts, merged.len());
     let render = alone.plan().settings.render;
-    let (evaluation, by_block, edges) =
+    let BlocksEvaluation { whole: evaluation, blocks, edges, seams } =
         evaluate(&on, alone.plan(), (&merged, &merged), &views.test, &render).block_on().unwrap();
-    assert_eq!(by_block.iter().map(|block| block.views).sum::<usize>(), 2);
+    assert_eq!(blocks.iter().map(|block| block.views).sum::<usize>(), 2);
     let Floor { coarse, plan, starts, .. } = planned(&on, 1, 1);
     let mut whole = begin(&on, &plan, 0, block_views(&plan, 0, &views).unwrap(), starts[0].clone()).block_on().unwrap();
     whole.run(&mut ()).block_on().unwrap();
     let psnr = |scene: &Scene3d| {
-        evaluate(&on, alone.plan(), (scene, &merged), &views.test, &render).block_on().unwrap().0.psnr
+        evaluate(&on, alone.plan(), (scene, &merged), &views.test, &render).block_on().unwrap().whole.psnr
     };
     let (before, at_once) = (psnr(&coarse), psnr(&whole.scene().block_on().unwrap()));
     assert!(
@@ -258,6 +258,7 @@ fn the_result_depends_neither_on_the_order_nor_on_interruptions() {
     );
     let near_edges = f64::from(u32::try_from(edges.pixels).unwrap()) / (2.0 * 40.0 * 32.0);
     assert!((0.01..0.5).contains(&near_edges) && edges.near.is_some() && edges.rest.is_some(), "{edges:?}");
+    assert_eq!(seams.unwrap().size(), (120, 32));
 }
 
 #[test]

@@ -21,7 +21,7 @@ mod window;
 
 pub use self::{
     cells::{Cell, Grid, Ground},
-    merge::{BlockQuality, Edges, evaluate, own},
+    merge::{BlockQuality, BlocksEvaluation, Edges, evaluate, own},
     plan::{BlockPlan, BlockView, BlocksPlan, BlocksSettings, SettledView},
     training::{begin, block_views, settle},
 };

@@ -36,6 +36,8 @@ DIR then contains:
   starts/, runs/, scenes/   what blocks begin with; records, claims and checkpoints; results
   scene.ply         the Gaussians of all blocks; gs convert makes levels of detail and other formats of it
   evaluation.json   its quality on the held-out views, by block, and near the edges of cells
+  seams.png         the held-out view that shows most of the edges: image, rendering and difference, which \
+is darker away from edges
 
 The result has the same bits for any number of processes, in any order, whatever has interrupted them.";
 

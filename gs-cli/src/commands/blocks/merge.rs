@@ -2,13 +2,12 @@
 
 use gs_backend::FutureExt as _;
 use gs_core::{RenderSettings, Scene as _, Scene3d, counted};
-use gs_io::{Inputs, write_3d};
+use gs_io::{Inputs, write_3d, write_png};
 use gs_lab::blocks::BlocksFolder;
 use gs_train::{
-    blocks::{BlockQuality, Edges, evaluate},
-    train::{Evaluation, Views},
+    blocks::{BlockQuality, BlocksEvaluation, evaluate},
+    train::Views,
 };
-use serde::Serialize;
 
 use super::{arguments::MergeArgs, open, views};
 use crate::{
@@ -22,20 +21,12 @@ use crate::{
 
 const SCENE: &str = "scene.ply";
 const EVALUATION: &str = "evaluation.json";
-
-/// What is written about the scene.
-#[derive(Serialize)]
-struct Report {
-    #[serde(flatten)]
-    whole: Evaluation,
-    blocks: Vec<BlockQuality>,
-    edges: Edges,
-}
+const SEAMS: &str = "seams.png";
 
 /// Joins the blocks, or evaluates another scene.
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     let folder = open(&args.folder)?;
-    let claim = args.overwrite.claim(folder.path(), [SCENE, EVALUATION], Inputs::default());
+    let claim = args.overwrite.claim(folder.path(), [SCENE, EVALUATION, SEAMS], Inputs::default());
     let compared = args.compare.as_deref().map(scene::read_3d).transpose()?;
     if compared.is_none() {
         output_folder::check(&claim)?;
@@ -65,7 +56,9 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     let (render, scene) = compared.as_ref().map_or((of_blocks, &merged), |(render, scene)| (*render, scene));
     let report = report(args, &folder, (scene, &merged), &render, &views)?;
     if compared.is_none() {
-        OutputFolder::begin(claim)?.write_json(EVALUATION, &report)?;
+        let output = OutputFolder::begin(claim)?;
+        output.write_json(EVALUATION, &report)?;
+        report.seams.as_ref().map(|seams| write_png(output.file(SEAMS), seams)).transpose()?;
     }
     output::result(table(&report))
 }
@@ -76,15 +69,13 @@ fn report(
     (scene, merged): (&Scene3d, &Scene3d),
     render: &RenderSettings,
     views: &Views,
-) -> Result<Report, Failure> {
+) -> Result<BlocksEvaluation, Failure> {
     let views = Views { keep_bytes: 0, ..views.clone() }.cached();
     let backend = args.backend.or_recorded(&folder.origin().machine).open()?;
-    let (whole, blocks, edges) =
-        evaluate(&backend.rasterizer, folder.plan(), (scene, merged), &views.test, render).block_on()?;
-    Ok(Report { whole, blocks, edges })
+    Ok(evaluate(&backend.rasterizer, folder.plan(), (scene, merged), &views.test, render).block_on()?)
 }
 
-fn table(Report { whole, blocks, edges }: &Report) -> String {
+fn table(BlocksEvaluation { whole, blocks, edges, .. }: &BlocksEvaluation) -> String {
     let cell =
         |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"));
     let mut text = format!("{:<24} {:>5} {:>8} {:>8}\n", "held-out views", "views", "PSNR, dB", "SSIM");
