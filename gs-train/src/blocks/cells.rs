@@ -60,6 +60,15 @@ impl Cell {
         axis(0) && axis(1)
     }
 
+    /// The distance of a place from the cell, world units; 0 in it.
+    pub(super) fn distance(&self, place: DVec2) -> f64 {
+        let beyond = |axis: usize| {
+            let before = self.from[axis].map_or(0.0, |from| from - place[axis]);
+            before.max(self.to[axis].map_or(0.0, |to| place[axis] - to)).max(0.0)
+        };
+        DVec2::new(beyond(0), beyond(1)).length()
+    }
+
     /// The cell with each of its bounds so far out that the strip before it, as long as the cell, has this share of the
     /// cell's work; open where there is not so much.
     pub(super) fn widened(&self, share: f64, places: &[DVec2], work: &[f64]) -> Self {
@@ -194,6 +203,11 @@ mod tests {
         let wide = cell.widened(0.3, &places, &work);
         assert_eq!(wide, Cell { from: [None, Some(3.0)], to: [Some(9.0), Some(10.0)] });
         assert_eq!(cell.widened(0.0, &places, &work), cell);
+        let distance = |x: f64, y: f64| cell.distance(DVec2::new(x, y));
+        assert_eq!(
+            [distance(-9.0, 6.0), distance(9.0, 6.0), distance(11.0, 1.0), distance(8.0, 9.0)],
+            [0.0, 1.0, 5.0, 0.0]
+        );
         assert_eq!(cell.widened(9.0, &places, &work), Cell { from: [None, None], to: [None, None] });
     }
 }

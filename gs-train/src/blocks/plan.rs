@@ -21,6 +21,12 @@ const LOOK_PX: u32 = 200;
 /// Work between the edge of a cell and what is near it, as a share of the cell's work.
 const NEAR: f64 = 0.05;
 
+/// Standard deviations up to which a Gaussian outside of a cell reaches into it.
+const REACH: f64 = 2.0;
+
+/// Share of the blending weights in a block's windows below which a Gaussian outside of the block is left out.
+const VISIBLE: f64 = 1e-6;
+
 /// How a scene is divided into blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -93,7 +99,8 @@ pub struct BlockPlan {
     pub views: Vec<BlockView>,
     /// Number of Gaussians of the coarse model that stay as they are.
     pub fixed: u32,
-    /// Number of Gaussians of the coarse model in the cell and its margin.
+    /// Number of Gaussians of the coarse model in the cell and its margin, or so large that they reach into the
+    /// cell.
     pub own: u32,
     /// Largest number of Gaussians, the fixed ones included.
     pub gaussians: u32,
@@ -182,9 +189,12 @@ impl BlocksPlan {
                 })
                 .collect();
             let seen = coarse.weights(&windows).await?;
-            let is_own = |index: usize| wide[number].contains(places[index]);
+            let reach = |index: usize| REACH * f64::from(model.log_scales[index].max_element().exp());
+            let is_own =
+                |index: usize| wide[number].contains(places[index]) || cell.distance(places[index]) <= reach(index);
             let (mut fixed, mut own) = (model.clone(), model.clone());
-            fixed.retain(&(0..model.len()).map(|index| seen[index] > 0.0 && !is_own(index)).collect::<Vec<_>>());
+            let visible = VISIBLE * seen.iter().sum::<f64>();
+            fixed.retain(&(0..model.len()).map(|index| seen[index] > visible && !is_own(index)).collect::<Vec<_>>());
             own.retain(&(0..model.len()).map(is_own).collect::<Vec<_>>());
             let share = (0..model.len()).filter(|&index| is_own(index)).map(|index| work[index]).sum::<f64>() / total;
             let (of_fixed, of_own) = (fixed.len() as u32, own.len() as u32);

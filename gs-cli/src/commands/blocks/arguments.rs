@@ -89,7 +89,7 @@ pub(crate) struct PrepareArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.2)]
     pub(crate) margin: f64,
     /// Least share of a view's blending weights for a block to use the view
-    #[arg(long, value_name = "SHARE", default_value_t = 0.02)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05)]
     pub(crate) threshold: f64,
     /// Longer side of the images of the coarse model, px
     #[arg(long, value_name = "PX", default_value = "400", value_parser = whole::<u32>(16..))]
