@@ -1,5 +1,5 @@
-//! `cargo xtask cluster`: a study on a Slurm cluster of this machine, with tasks that are cancelled
-//! and killed, against the same study in one process.
+//! `cargo xtask cluster`: studies and a scene in blocks on a Slurm cluster of this machine, with tasks
+//! that are cancelled and killed, against the same jobs in one process.
 
 mod slurm;
 
@@ -15,14 +15,11 @@ use std::{
 use self::slurm::Slurm;
 use crate::system::{built_example, built_program, install_packages, is_root, step};
 
-/// Tasks of the array.
-const TASKS: u32 = 4;
+/// Tasks of each array, as its command says.
+const TASKS: usize = 4;
 
-/// Longest time for the whole array.
+/// Longest time for a whole array.
 const LIMIT: Duration = Duration::from_secs(150);
-
-/// Tables that must be the same in both studies, byte for byte.
-const TABLES: [&str; 4] = ["runs.csv", "quality.csv", "differences.csv", "results.json"];
 
 /// 24 fits of about a second.
 const FITS: &str = "\
@@ -57,25 +54,66 @@ name = 'percentile'
 settings.policy.kind = 'percentile'
 ";
 
-/// A study that is done twice.
-struct Study {
+/// Commands of gs, in a folder with the data set `posed`, that do jobs on a cluster and in one process. NAME is
+/// that of the case.
+struct Kind {
+    /// The last one submits the array.
+    submit: &'static [&'static str],
+    status: &'static str,
+    /// Makes the results once all jobs have ended.
+    end: &'static str,
+    alone: &'static [&'static str],
+    /// Files of `NAME.cluster` and `NAME.alone` that must be the same, byte for byte.
+    results: &'static [&'static str],
+}
+
+const STUDY: Kind = Kind {
+    submit: &["study submit NAME.toml -o NAME.cluster --array 4 --backend cpu"],
+    status: "study status NAME.cluster",
+    end: "study report NAME.cluster",
+    alone: &["study NAME.toml -o NAME.alone --backend cpu --jobs 2"],
+    results: &["runs.csv", "quality.csv", "differences.csv", "results.json"],
+};
+
+/// Four blocks, each of which takes as long as a run of [`TRAININGS`].
+const BLOCKS: Kind = Kind {
+    submit: &[
+        "train posed -o NAME.coarse --preset quick -i 1000 -n 60 --backend cpu",
+        "blocks prepare posed -o NAME.cluster --blocks 2x2 --model NAME.coarse --preset quick -i 60000 -n 120 --backend cpu",
+        "blocks submit NAME.cluster --array 4",
+    ],
+    status: "blocks status NAME.cluster",
+    end: "blocks merge NAME.cluster",
+    alone: &[
+        "blocks prepare posed -o NAME.alone --blocks 2x2 --model NAME.coarse --preset quick -i 60000 -n 120 --backend cpu",
+        "blocks work NAME.alone",
+        "blocks merge NAME.alone",
+    ],
+    results: &["scene.ply", "evaluation.json"],
+};
+
+/// Jobs that are done twice.
+struct Case {
     name: &'static str,
+    kind: Kind,
+    /// Content of `NAME.toml`.
     text: &'static str,
-    /// Runs that must have ended before a task is cancelled.
-    ended: u32,
-    /// Whether another task is killed and requeued; the study needs enough runs for that.
+    /// Jobs that must have ended before a task is cancelled.
+    ended: usize,
+    /// Whether another task is killed and requeued; there must be enough jobs for that.
     kills: bool,
-    /// Whether the run of the cancelled task must go on from its checkpoint. Runs must take long
+    /// Whether the job of the cancelled task must go on from its checkpoint. Jobs must take long
     /// enough for that.
     resumes: bool,
 }
 
-const STUDIES: [Study; 2] = [
-    Study { name: "fits", text: FITS, ended: 6, kills: true, resumes: false },
-    Study { name: "trainings", text: TRAININGS, ended: 0, kills: false, resumes: true },
+const CASES: [Case; 3] = [
+    Case { name: "fits", kind: STUDY, text: FITS, ended: 6, kills: true, resumes: false },
+    Case { name: "trainings", kind: STUDY, text: TRAININGS, ended: 0, kills: false, resumes: true },
+    Case { name: "city", kind: BLOCKS, text: "", ended: 0, kills: true, resumes: true },
 ];
 
-/// Does the studies on a cluster and in one process, and compares them.
+/// Does all cases on a cluster and in one process, and compares them.
 pub(crate) fn run(install: bool) -> Result<(), String> {
     if install {
         install_packages(&["slurm-wlm", "munge"])
@@ -83,7 +121,7 @@ pub(crate) fn run(install: bool) -> Result<(), String> {
     }
     if let Some(missing) = slurm::PROGRAMS.iter().find(|program| !has(program)) {
         let how = if is_root() { "cargo xtask cluster --install" } else { "cargo xtask cluster --install, as root" };
-        eprintln!("skipped: there is no {missing}: the study on a cluster; install Slurm with {how}");
+        eprintln!("skipped: there is no {missing}: jobs on a cluster; install Slurm with {how}");
         return Ok(());
     }
     let (gs, posed_images) = (built_program()?, built_example("posed_images")?);
@@ -91,11 +129,11 @@ pub(crate) fn run(install: bool) -> Result<(), String> {
     fs::create_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
     step(Command::new(posed_images).arg(place.join("posed")))?;
     let started = Instant::now();
-    let checked =
-        Slurm::start(&place).and_then(|slurm| STUDIES.iter().try_for_each(|study| check(study, &gs, &place, &slurm)));
+    let checked = Slurm::start(&place)
+        .and_then(|slurm| CASES.iter().try_for_each(|case| check(&Watched { case, gs: &gs, slurm: &slurm }, &place)));
     match &checked {
         Ok(()) => {
-            eprintln!("the studies are the same on the cluster and in one process; {:.0?}", started.elapsed());
+            eprintln!("the results are the same on the cluster and in one process; {:.0?}", started.elapsed());
             let _ = fs::remove_dir_all(&place);
         }
         Err(_) => eprintln!("everything is left in {}", place.display()),
@@ -109,56 +147,56 @@ fn has(program: &str) -> bool {
     env::split_paths(&paths).chain(["/usr/sbin".into()]).any(|folder| folder.join(program).is_file())
 }
 
-/// Does a study twice and compares the tables.
-fn check(of: &Study, gs: &Path, place: &Path, slurm: &Slurm) -> Result<(), String> {
-    let [file, cluster, alone] = ["toml", "cluster", "alone"].map(|kind| place.join(format!("{}.{kind}", of.name)));
-    fs::write(&file, of.text).map_err(|error| format!("{}: {error}", file.display()))?;
-    let cpu = ["--backend", "cpu"].map(str::to_owned);
-    let (study, output) = (file.display().to_string(), cluster.display().to_string());
-    let words = ["study", "submit", &study, "-o", &output, "--array", &TASKS.to_string()].map(str::to_owned);
-    let said = slurm.command(gs, words.iter().chain(&cpu))?;
+/// Does the jobs twice and compares the results.
+fn check(jobs: &Watched<'_>, place: &Path) -> Result<(), String> {
+    let Case { name, kind, text, ended, kills, resumes } = jobs.case;
+    let [file, cluster, alone] = ["toml", "cluster", "alone"].map(|end| place.join(format!("{name}.{end}")));
+    fs::write(&file, text).map_err(|error| format!("{}: {error}", file.display()))?;
+    let said = jobs.all(kind.submit)?;
     let job = said.split_once("Submitted batch job ").and_then(|(_, rest)| rest.split(';').next());
-    let job = job.ok_or_else(|| format!("no job was submitted: {said}"))?.trim().to_owned();
+    let job = job.ok_or_else(|| format!("no job was submitted: {said}"))?.trim();
     eprintln!("{}", said.trim());
-    let study = Watched { gs, folder: &cluster, slurm };
-    cancel(&study, &job, of.ended)?;
-    let killed = if of.kills { Some(kill_and_requeue(&study, &job)?) } else { None };
-    study.wait("the end of the array", |_| Ok(slurm.states(&job)?.is_empty().then_some(())))?;
-    eprint!("{}", slurm.command(gs, ["study", "status", &output])?);
-    slurm.command(gs, ["study", "report", &output])?;
+    cancel(jobs, job, *ended)?;
+    let killed = if *kills { Some(kill_and_requeue(jobs, job)?) } else { None };
+    jobs.wait("the end of the array", |_| Ok(jobs.slurm.states(job)?.is_empty().then_some(())))?;
+    let status = jobs.all(&[kind.status])?;
+    eprint!("{status}");
+    jobs.all(&[kind.end])?;
 
     let started = Instant::now();
-    let words =
-        ["study", &file.display().to_string(), "-o", &alone.display().to_string(), "--jobs", "2"].map(str::to_owned);
-    slurm.command(gs, words.iter().chain(&cpu))?;
-    eprintln!("one process with --jobs 2: {:.0?}", started.elapsed());
-    for table in TABLES {
-        let read = |folder: &Path| fs::read(folder.join(table)).map_err(|error| format!("{table}: {error}"));
+    jobs.all(kind.alone)?;
+    eprintln!("one process: {:.0?}", started.elapsed());
+    for result in kind.results {
+        let read = |folder: &Path| fs::read(folder.join(result)).map_err(|error| format!("{result}: {error}"));
         if read(&cluster)? != read(&alone)? {
-            return Err(format!("{table} is not the same in {} and {}", cluster.display(), alone.display()));
+            return Err(format!("{result} is not the same in {} and {}", cluster.display(), alone.display()));
         }
     }
     let logs = logs(&cluster)?;
-    once(&logs, &alone, killed)?;
-    match of.resumes {
-        true => resumed(&logs),
-        false => Ok(()),
-    }
+    let (_, count) = counts(&status).ok_or_else(|| format!("no number of jobs: {status}"))?;
+    once(&logs, count, killed)?;
+    if *resumes { resumed(&logs) } else { Ok(()) }
 }
 
-/// A study at work on the cluster.
+/// Jobs at work on the cluster.
 struct Watched<'a> {
+    case: &'a Case,
     gs: &'a Path,
-    folder: &'a Path,
     slurm: &'a Slurm,
 }
 
 impl Watched<'_> {
-    /// Waits until the state of the study, in the words of `gs study status`, gives a value.
+    /// Runs commands of gs, and returns what they print.
+    fn all(&self, commands: &[&str]) -> Result<String, String> {
+        let run = |line: &&str| self.slurm.command(self.gs, line.replace("NAME", self.case.name).split(' '));
+        commands.iter().map(run).collect()
+    }
+
+    /// Waits until the state of the jobs, in the words of gs, gives a value.
     fn wait<T>(&self, what: &str, found: impl Fn(&str) -> Result<Option<T>, String>) -> Result<T, String> {
         let started = Instant::now();
         loop {
-            let status = self.slurm.command(self.gs, ["study", "status", &self.folder.display().to_string()])?;
+            let status = self.all(&[self.case.kind.status])?;
             if let Some(found) = found(&status)? {
                 return Ok(found);
             }
@@ -169,86 +207,90 @@ impl Watched<'_> {
         }
     }
 
-    /// A row that a task is doing, and the task's process.
-    fn doing(&self, job: &str, task: u32) -> Result<(u32, u32), String> {
+    /// The number of a job that a task is doing, from 1, and the task's process.
+    fn doing(&self, job: &str, task: u32) -> Result<(usize, u32), String> {
         let job = format!(", job {job}_{task}: last sign of life");
-        self.wait(&format!("a run of task {task}"), |status| {
+        self.wait(&format!("a job of task {task}"), |status| {
             let line = status.lines().find(|line| line.contains(&job));
             Ok(line.and_then(|line| {
-                let row = line.strip_prefix("row ")?.split(' ').next()?.parse().ok()?;
                 let process = line.split_once(", process ")?.1.split(',').next()?.parse().ok()?;
-                Some((row, process))
+                Some((number(line)?, process))
             }))
         })
     }
 }
 
-/// Cancels task 0 in the middle of a run, once so many runs have ended.
-fn cancel(study: &Watched<'_>, job: &str, ended: u32) -> Result<(), String> {
-    study.wait("the first runs", |status| {
-        let known = status.split_once(": ").and_then(|(_, counts)| counts.split(' ').next()?.parse::<u32>().ok());
-        Ok(known.filter(|known| *known >= ended))
-    })?;
-    let (row, _) = study.doing(job, 0)?;
-    study.slurm.run("scancel", &[&format!("{job}_0")])?;
-    eprintln!("cancelled task 0, which was doing row {row}");
+/// The number of the job that a line is about: `row 3 …`, `block 3 …`.
+fn number(line: &str) -> Option<usize> {
+    line.strip_prefix("row ").or(line.strip_prefix("block "))?.split(' ').next()?.parse().ok()
+}
+
+/// How many jobs have ended, and of how many: `… 3 of 4 …`.
+fn counts(status: &str) -> Option<(usize, usize)> {
+    let (before, after) = status.split_once(" of ")?;
+    Some((before.split(' ').next_back()?.parse().ok()?, after.split(' ').next()?.parse().ok()?))
+}
+
+/// Cancels task 0 in the middle of a job, once so many have ended.
+fn cancel(jobs: &Watched<'_>, job: &str, ended: usize) -> Result<(), String> {
+    jobs.wait("the first jobs", |status| Ok(counts(status).filter(|(known, _)| *known >= ended)))?;
+    let (number, _) = jobs.doing(job, 0)?;
+    jobs.slurm.run("scancel", &[&format!("{job}_0")])?;
+    eprintln!("cancelled task 0, which was doing number {number}");
     Ok(())
 }
 
-/// Kills task 1 in the middle of a run, and lets Slurm start it again. Returns the row.
-fn kill_and_requeue(study: &Watched<'_>, job: &str) -> Result<u32, String> {
-    let (row, process) = study.doing(job, 1)?;
+/// Kills task 1 in the middle of a job, and lets Slurm start it again. Returns the job's number.
+fn kill_and_requeue(jobs: &Watched<'_>, job: &str) -> Result<usize, String> {
+    let (number, process) = jobs.doing(job, 1)?;
     let killed = Command::new("kill").args(["-KILL", &process.to_string()]).status();
     if !killed.is_ok_and(|status| status.success()) {
         return Err(format!("process {process} could not be killed"));
     }
-    eprintln!("killed task 1, which was doing row {row}");
+    eprintln!("killed task 1, which was doing number {number}");
     let task = format!("{job}_1");
-    study.wait("the end of the killed task", |_| {
-        Ok((!study.slurm.states(job)?.iter().any(|(known, state)| *known == task && state == "RUNNING")).then_some(()))
+    jobs.wait("the end of the killed task", |_| {
+        Ok((!jobs.slurm.states(job)?.iter().any(|(known, state)| *known == task && state == "RUNNING")).then_some(()))
     })?;
-    study.slurm.run("scontrol", &["requeue", &task])?;
-    Ok(row)
+    jobs.slurm.run("scontrol", &["requeue", &task])?;
+    Ok(number)
 }
 
-/// The logs of a study's tasks.
+/// The logs of an array's tasks.
 fn logs(cluster: &Path) -> Result<Vec<String>, String> {
     let logs = fs::read_dir(cluster.join("logs")).map_err(|error| format!("logs: {error}"))?;
     let read = |path: PathBuf| fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()));
     logs.flatten().map(|log| read(log.path())).collect()
 }
 
-/// Checks in the logs that no run was done twice, and that each was done, but for the one during
+/// Checks in the logs that no job was done twice, and that each was done, but for the one during
 /// which a task was killed: that may have ended before its line was written.
-fn once(logs: &[String], alone: &Path, killed: Option<u32>) -> Result<(), String> {
-    let mut done = BTreeMap::<u32, usize>::new();
-    for line in logs.iter().flat_map(|log| log.lines()) {
-        if let Some(row) = line.strip_prefix("row ").and_then(|line| line.split(' ').next()?.parse().ok()) {
-            *done.entry(row).or_default() += 1;
-        }
+fn once(logs: &[String], count: usize, killed: Option<usize>) -> Result<(), String> {
+    let mut done = BTreeMap::<usize, usize>::new();
+    // A line about the end of a job ends with its time.
+    for line in logs.iter().flat_map(|log| log.lines()).filter(|line| line.ends_with(" s")) {
+        number(line).into_iter().for_each(|number| *done.entry(number).or_default() += 1);
     }
-    let table = fs::read_to_string(alone.join("runs.csv")).map_err(|error| format!("runs.csv: {error}"))?;
-    let rows = table.lines().count() as u32 - 1;
-    if let Some((row, times)) = done.iter().find(|(_, times)| **times > 1) {
-        return Err(format!("row {row} was done {times} times"));
+    if let Some((number, times)) = done.iter().find(|(_, times)| **times > 1) {
+        return Err(format!("number {number} was done {times} times"));
     }
-    if let Some(row) = (1..=rows).find(|row| !done.contains_key(row) && Some(*row) != killed) {
-        return Err(format!("no task says that it did row {row}"));
+    if let Some(number) = (1..=count).find(|number| !done.contains_key(number) && Some(*number) != killed) {
+        return Err(format!("no task says that it did number {number}"));
     }
     // The cancelled task stops; the killed one cannot say so.
     let stopped = logs.iter().map(|log| log.matches("stopped after ").count()).sum::<usize>();
-    if (stopped, logs.len()) != (1, TASKS as usize) {
+    if (stopped, logs.len()) != (1, TASKS) {
         return Err(format!("{} tasks have logs, and {stopped} say that they stopped", logs.len()));
     }
-    eprintln!("{rows} runs by {TASKS} tasks, each done once");
+    eprintln!("{count} jobs by {TASKS} tasks, each done once");
     Ok(())
 }
 
-/// Checks in the logs that a run went on from a checkpoint, as that of the cancelled task must.
+/// Checks in the logs that a job went on from a checkpoint, as that of the cancelled task must.
 fn resumed(logs: &[String]) -> Result<(), String> {
     let mut lines = logs.iter().flat_map(|log| log.lines());
     let line = lines.find(|line| line.contains("goes on from its checkpoint at step "));
-    eprintln!("{}", line.ok_or("no task says that a run went on from its checkpoint")?);
+    eprintln!("{}", line.ok_or("no task says that a job went on from its checkpoint")?);
     Ok(())
 }
 

@@ -1,5 +1,5 @@
-//! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
-//! on a cluster of this machine, `cargo xtask poses` finds the poses of photographs, `cargo xtask
+//! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` studies
+//! and blocks on a cluster of this machine, `cargo xtask poses` finds the poses of photographs, `cargo xtask
 //! python` builds and tests the Python module, `cargo xtask web` the page, and `cargo xtask dist` makes a
 //! release.
 //!
@@ -34,8 +34,9 @@ Options:
 Tests on real images and scenes read the folder that GS_DATA names, ../shared/data by default.
 They pass without checking anything where it is absent.
 
-cargo xtask cluster starts Slurm on this machine, in a folder of its own, and does a study there as
-an array of jobs of which one is cancelled and one killed. The tables must be those of one process.
+cargo xtask cluster starts Slurm on this machine, in a folder of its own, and does two studies and a
+scene in blocks there as arrays of tasks of which one is cancelled and one killed. The tables and the
+scene must be those of one process.
 
 Options:
   --install  install Debian's slurm-wlm and munge; without it and without them, nothing is checked

@@ -106,13 +106,13 @@ impl Slurm {
         output(self.program(program).args(arguments))
     }
 
-    /// Runs a program that uses this cluster and returns its output.
+    /// Runs a program that uses this cluster, in the cluster's folder, and returns its output.
     pub(super) fn command<A: AsRef<OsStr>>(
         &self,
         program: &Path,
         arguments: impl IntoIterator<Item = A>,
     ) -> Result<String, String> {
-        output(self.program(program).args(arguments))
+        output(self.program(program).current_dir(&self.place).args(arguments))
     }
 
     /// The tasks of a job that have not ended, with their states.
