@@ -17,7 +17,7 @@ use std::{
 };
 
 use gs_jobs::{
-    JobStore, Keep, Listing, Queue, Shard, WorkSettings,
+    AtEnd, JobStore, Keep, Listing, Queue, Shard, WorkSettings,
     files::{RUNS, record},
 };
 
@@ -77,7 +77,10 @@ fn cpu() -> Duration {
 /// for a worker without a share.
 fn work(folder: &str, jobs: usize, index: u32, count: u32) -> Outcome<()> {
     let addresses: Vec<String> = (0..jobs).map(address).collect();
-    let settings = WorkSettings::default().with(|s| s.shard = (count > 0).then_some(Shard { index, count }));
+    let settings = WorkSettings::default().with(|s| {
+        s.shard = (count > 0).then_some(Shard { index, count });
+        s.at_end = AtEnd::Leave;
+    });
     let store = JobStore::new(folder);
     let queue = Queue::new(addresses.iter().map(String::as_str).collect(), store.clone(), &settings);
     let mut times = Vec::new();
