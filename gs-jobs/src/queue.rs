@@ -27,7 +27,8 @@ const FEWEST_MISSES: usize = 64;
 /// First pause between two looks at the folder. Each is twice as long as the one before.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 
-/// A look at the folder takes at most this share of the time until the next.
+/// Looks at the folder take at most one part in this many of the time, unless the next would be later than a lease
+/// from now.
 const SHARE_OF_LOOKING: u32 = 50;
 
 /// Longest time in which a request to stop is not noticed.
@@ -199,7 +200,7 @@ impl<'a> Queue<'a> {
         let leaves = idle_since + self.settings.lease;
         order.is_last = self.settings.at_end == AtEnd::Leave && now >= leaves;
         order.pause = (order.pause * 2).clamp(FIRST_PAUSE, (self.settings.lease / 8).max(FIRST_PAUSE));
-        let next = now + order.pause.max(now.elapsed() * SHARE_OF_LOOKING);
+        let next = now + order.pause.max((now.elapsed() * SHARE_OF_LOOKING).min(self.settings.lease));
         order.next_look = Some(match self.settings.at_end {
             AtEnd::Leave if !order.is_last => next.min(leaves),
             AtEnd::Leave => now,
