@@ -120,6 +120,17 @@ fn what_cannot_be_done_is_refused_in_one_line() {
     );
     prepare(&data, &output, &["--blocks", "1x1", "--model", coarse.to_str().unwrap()]).done();
     refused(prepare(&data, &output, &["--blocks", "1x1"]), "contains blocks already");
+    let merged = place.path().join("merged");
+    fs::create_dir(&merged).unwrap();
+    fs::copy(coarse.join("scene.ply"), merged.join("scene.ply")).unwrap();
+    let mut plan: serde_json::Value = serde_json::from_slice(&fs::read(output.join("blocks.json")).unwrap()).unwrap();
+    plan["plan"]["views"][0]["pose"] = [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0].into();
+    fs::write(merged.join("blocks.json"), plan.to_string()).unwrap();
+    let corrected = prepare(&data, &place.path().join("again"), &["--model", merged.to_str().unwrap()]);
+    assert!(
+        corrected.status == Some(2) && corrected.stderr.contains("was corrected for these blocks"),
+        "{corrected:?}"
+    );
     let moved = place.path().join("moved");
     fs::rename(&data, &moved).unwrap();
     refused(gs(words("work", &output)), "name the data set's place on this machine with --data");

@@ -245,6 +245,11 @@ impl BlocksPlan {
         settings
     }
 
+    /// The name of the first view whose pose or exposure the coarse model has corrected.
+    pub fn first_corrected(&self) -> Option<&String> {
+        self.views.iter().find(|view| view.pose.is_some() || view.colors.is_some()).map(|view| &view.name)
+    }
+
     fn memory(&self, block: usize, views: &Views) -> u64 {
         let size = |view: &BlockView| {
             let camera = &views.train[view.view].camera;

@@ -149,8 +149,13 @@ fn divided(
     }
 }
 
-/// Fails for a model without a checkpoint whose summary says that poses or exposure were corrected.
+/// Fails for a model without a checkpoint for which poses or exposure were corrected, by its summary, or by its plan if
+/// it was merged of blocks.
 fn refuse_unsettled(model: &Path) -> Result<(), Failure> {
+    if let Some(view) = BlocksFolder::open(model).ok().and_then(|folder| folder.plan().first_corrected().cloned()) {
+        let message = format!("--model: the pose or the exposure of {view} was corrected for these blocks");
+        return Err(Failure::usage(message).hint("name their coarse model, or leave out --model"));
+    }
     let path = model.join(SUMMARY);
     let Ok(text) = fs::read(&path) else { return Ok(()) };
     let summary: serde_json::Value =
