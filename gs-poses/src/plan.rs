@@ -18,13 +18,14 @@ const ALL_PAIRS: usize = 150;
 /// The fewest and the most features of a photograph that are looked for.
 const FEATURES: [f64; 2] = [1024.0, 8192.0];
 
-/// Features times the number of pairs to the power of [`FEWER`]: COLMAP 3.8 then takes some minutes of a
-/// CPU.
-const WORK: f64 = 101_000.0;
+/// Features times the root of the number of pairs, which COLMAP 3.8 compares in some minutes of a CPU: a
+/// pair takes time by about the square of the features.
+const WORK: f64 = 66_000.0;
 
-/// A pair takes time by about the square of the features, which 0.5 would make up for; the rest of the time
-/// grows with the photographs.
-const FEWER: f64 = 0.6;
+/// Pairs of 29 photographs. Of more, there are fewer features still, by this power of the number of pairs,
+/// because all else takes longer with more photographs, too.
+const MANY_PAIRS: f64 = 406.0;
+const FEWER: f64 = 0.3;
 
 /// Size up to which features are also looked for in an image of twice the size, px.
 const SMALL: u32 = 1000;
@@ -87,7 +88,8 @@ impl Plan {
             Pairs::Neighbours => false,
         };
         let pairs = pairs(count, all_pairs) as f64;
-        let features = (WORK / pairs.max(1.0).powf(FEWER)).clamp(FEATURES[0], FEATURES[1]) * f64::from(pace);
+        let features = WORK / pairs.max(1.0).sqrt() * (MANY_PAIRS / pairs.max(MANY_PAIRS)).powf(FEWER);
+        let features = features.clamp(FEATURES[0], FEATURES[1]) * f64::from(pace);
         Self {
             groups: groups.collect(),
             all_pairs,
