@@ -117,6 +117,7 @@ fn measure(case: &Case, place: &std::path::Path) -> Outcome<()> {
     let mut children = (0..workers).map(start).collect::<Result<Vec<Child>, _>>()?;
     let (mut listings, mut left) = (Vec::new(), killed);
     loop {
+        let none_is_left = children.iter_mut().all(|child| matches!(child.try_wait(), Ok(Some(_))));
         let listed = Instant::now();
         let ended = Listing::of(&store)?.ended.len();
         listings.push(listed.elapsed().as_secs_f64() * 1e3);
@@ -126,6 +127,9 @@ fn measure(case: &Case, place: &std::path::Path) -> Outcome<()> {
         }
         if ended == jobs {
             break;
+        }
+        if none_is_left {
+            return Err(format!("all workers have left after {ended} of {jobs} jobs").into());
         }
         thread::sleep(Duration::from_millis(500));
     }

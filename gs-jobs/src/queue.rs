@@ -200,7 +200,7 @@ impl<'a> Queue<'a> {
         let leaves = idle_since + self.settings.lease;
         order.is_last = self.settings.at_end == AtEnd::Leave && now >= leaves;
         order.pause = (order.pause * 2).clamp(FIRST_PAUSE, (self.settings.lease / 8).max(FIRST_PAUSE));
-        let next = now + order.pause.max((now.elapsed() * SHARE_OF_LOOKING).min(self.settings.lease));
+        let next = now + pause_after(now.elapsed(), order.pause, self.settings.lease);
         order.next_look = Some(match self.settings.at_end {
             AtEnd::Leave if !order.is_last => next.min(leaves),
             AtEnd::Leave => now,
@@ -252,4 +252,21 @@ fn some(mut of: Vec<usize>) -> VecDeque<usize> {
         of.truncate(MOST_EXAMINED);
     }
     of.into()
+}
+
+/// The time from a look at the folder, which took `looking`, to the next.
+fn pause_after(looking: Duration, pause: Duration, lease: Duration) -> Duration {
+    pause.max((looking * SHARE_OF_LOOKING).min(lease))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_looks_are_rare_but_no_lease_apart() {
+        let seconds = Duration::from_secs;
+        let after = |looking: Duration| pause_after(looking, seconds(2), seconds(120));
+        assert_eq!([after(Duration::ZERO), after(seconds(1)), after(seconds(10))], [2, 50, 120].map(seconds));
+    }
 }

@@ -41,8 +41,9 @@ const BASE: u64 = 60_000_000;
 /// A part of an image that is drawn in parts.
 const PART: u64 = 32 << 20;
 
-/// Freed memory that the allocator keeps at most: pieces larger than 32 MiB go back to the system.
-const MOST_KEPT: u64 = 80_000_000;
+/// Freed memory that the allocator keeps at most: pieces larger than 32 MiB go back to the system. On a busy machine,
+/// more threads have some of it at the same time.
+const MOST_KEPT: u64 = 110_000_000;
 
 /// A pair of a Gaussian and a tile that it touches: its entry in the lists and its gradient.
 const ENTRY: u64 = 64;
@@ -94,7 +95,7 @@ pub(crate) fn encoding_at_once((width, height): (u32, u32), most: u64) -> u64 {
 
 /// Memory that training on images of this many pixels takes in any case.
 fn overhead(pixels: u64) -> u64 {
-    BASE + (pixels * IMAGE).min(PART) + (4 * pixels * IMAGE).min(MOST_KEPT)
+    BASE + (pixels * IMAGE).min(PART) + (5 * pixels * IMAGE).min(MOST_KEPT)
 }
 
 impl FitSettings {

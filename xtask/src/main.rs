@@ -35,8 +35,8 @@ Tests on real images and scenes read the folder that GS_DATA names, ../shared/da
 They pass without checking anything where it is absent.
 
 cargo xtask cluster starts Slurm on this machine, in a folder of its own, and does two studies and a
-scene in blocks there as arrays of tasks of which one is cancelled and one killed. The tables and the
-scene must be those of one process.
+scene in blocks there as arrays of tasks. One task of each is cancelled, and of two of them another is
+killed. The tables, the scene and its evaluation must be those of one process.
 
 Options:
   --install  install Debian's slurm-wlm and munge; without it and without them, nothing is checked

@@ -83,14 +83,16 @@ fn memory_decides_how_many_blocks_there_are() {
         let flags = ["--model", coarse.to_str().unwrap(), "--memory", memory];
         prepare(&data, &place.path().join(name), &flags)
     };
-    // What the last division but one needed is too much by one byte.
+    // One byte less than one block needs.
     let plan: serde_json::Value = serde_json::from_slice(&fs::read(output.join("blocks.json")).unwrap()).unwrap();
     let needed = plan["plan"]["blocks"][0]["memory"].as_u64().unwrap();
     let two = text(with("two", &(needed - 1).to_string()));
     assert!(two.starts_with("2 blocks of "), "{two}");
     let none = with("none", "1M");
-    assert!(none.status == Some(1) && none.stderr.contains("more blocks do not take less"), "{none:?}");
+    assert!(none.status == Some(1) && none.stderr.contains("and there cannot be more ("), "{none:?}");
     assert!(!place.path().join("none/blocks.json").exists());
+    assert_eq!(names_in(&place.path().join("none/starts")), [""; 0]);
+    assert_eq!(names_in(&place.path().join("two/starts")).len(), 2);
 }
 
 #[test]

@@ -328,8 +328,8 @@ impl Adam {
     /// These settings for steps that each stand for `steps` (at least 1) of a longer run, of which the
     /// others show nothing of these Gaussians. Out of view, moments decay and still move the Gaussian:
     /// each gradient moves it further by √`steps`, as the second moment is a mean over all steps. So
-    /// learning rates are multiplied by √`steps`, and decays taken to the power of `steps`. Nothing
-    /// changes for [`Participants::Visible`], which counts no steps out of view. *Source:* the same rule
+    /// learning rates are multiplied by √`steps`, decays taken to the power of `steps`, and penalties,
+    /// which act out of view, too, multiplied by `steps`. Nothing changes for [`Participants::Visible`], which counts no steps out of view. *Source:* the same rule
     /// is known for batches: Grendel, Zhao et al. 2024.
     #[must_use]
     pub fn standing_for(mut self, steps: f32) -> Self {
@@ -342,6 +342,8 @@ impl Adam {
             group.beta1 = group.beta1.powf(steps);
             group.beta2 = group.beta2.powf(steps);
         }
+        self.penalty.opacity *= steps;
+        self.penalty.scale *= steps;
         self
     }
 
@@ -422,6 +424,8 @@ mod tests {
         assert!((ratio(adam) - 0.5).abs() < 0.03, "{}", ratio(adam));
         assert!((ratio(adam.standing_for(4.0)) - 1.0).abs() < 0.03, "{}", ratio(adam.standing_for(4.0)));
         assert_eq!(adam.standing_for(1.0), adam);
+        let penalty = Penalty { opacity: 0.01, scale: 0.02 };
+        assert_eq!(Adam { penalty, ..adam }.standing_for(4.0).penalty, Penalty { opacity: 0.04, scale: 0.08 });
         let of_visible = Adam { participants: Participants::Visible, ..adam };
         assert_eq!(of_visible.standing_for(4.0), of_visible);
     }

@@ -109,14 +109,17 @@ pub struct Preparing {
     path: PathBuf,
     options: WriteOptions3d,
     starts: Vec<String>,
+    /// The most blocks of any plan that was tried.
+    stored: usize,
 }
 
 impl Preparing {
-    /// Stores the Gaussians that a block begins with.
+    /// Stores the Gaussians that a block begins with. Block 0 begins another plan.
     ///
     /// # Errors
     /// Those of writing a scene.
     pub fn store(&mut self, block: usize, scene: &Scene3d) -> Result<(), gs_io::Error> {
+        self.stored = self.stored.max(block + 1);
         write_3d(self.path.join(ply(STARTS, block)), scene, &self.options)?;
         self.starts.truncate(block);
         self.starts.push(digest::of_scene_3d(scene));
@@ -125,7 +128,12 @@ impl Preparing {
 
     /// Ends the preparation without a plan: removes what was stored.
     pub fn abandon(&self) {
-        (0..self.starts.len()).for_each(|block| _ = fs::remove_file(self.path.join(ply(STARTS, block))));
+        self.remove_from(0);
+    }
+
+    /// Removes what was stored for this block and later ones.
+    fn remove_from(&self, first: usize) {
+        (first..self.stored).for_each(|block| _ = fs::remove_file(self.path.join(ply(STARTS, block))));
     }
 
     /// Ends the preparation by storing the plan.
@@ -133,6 +141,7 @@ impl Preparing {
     /// # Errors
     /// [`Error::Io`] where it cannot be written.
     pub fn finish(self, origin: Origin, plan: BlocksPlan) -> Result<BlocksFolder, Error> {
+        self.remove_from(self.starts.len());
         let content = Content { version: VERSION.to_owned(), origin, starts: self.starts, plan };
         let text = serde_json::to_string_pretty(&content).unwrap_or_default() + "\n";
         write_durably(self.path.join(PLAN), |file| file.write_all(text.as_bytes()))?;
@@ -169,7 +178,7 @@ impl BlocksFolder {
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
         }
         let options = write_options(render, origin);
-        Ok(Preparing { path: path.to_owned(), options, starts: Vec::new() })
+        Ok(Preparing { path: path.to_owned(), options, starts: Vec::new(), stored: 0 })
     }
 
     /// Fails where a folder contains blocks.

@@ -51,7 +51,7 @@ pub struct Edges {
     pub rest: Option<f64>,
 }
 
-/// What a scene of blocks is worth.
+/// Quality of a merged scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BlocksEvaluation {
@@ -123,7 +123,8 @@ async fn near_edges<R: Rasterizer<Scene3d>>(
         let near: Vec<bool> = (0..target.pixels().len())
             .map(|index| {
                 let depth = alpha.pixels()[index][0] / inverse.pixels()[index][0];
-                depth.is_finite() && depth > 0.0 && is_near(plan, &view.camera, index, depth)
+                let counts = mask.as_ref().is_none_or(|mask| mask[index]);
+                counts && depth.is_finite() && depth > 0.0 && is_near(plan, &view.camera, index, depth)
             })
             .collect();
         for (index, (found, wanted)) in image.pixels().iter().zip(target.pixels()).enumerate() {

@@ -24,8 +24,9 @@ const NEAR: f64 = 0.05;
 /// Standard deviations up to which a Gaussian outside of a cell reaches into it.
 const REACH: f64 = 2.0;
 
-/// Share of the blending weights in a block's windows below which a Gaussian outside of the block is left out.
-const VISIBLE: f64 = 1e-6;
+/// Share of the mean blending weights, over all that a block's windows show, below which a Gaussian outside of the
+/// block is left out.
+const VISIBLE: f64 = 0.01;
 
 /// How a scene is divided into blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -193,10 +194,13 @@ impl BlocksPlan {
             let is_own =
                 |index: usize| wide[number].contains(places[index]) || cell.distance(places[index]) <= reach(index);
             let (mut fixed, mut own) = (model.clone(), model.clone());
-            let visible = VISIBLE * seen.iter().sum::<f64>();
+            let shown = seen.iter().filter(|weight| **weight > 0.0).count();
+            let visible = VISIBLE * seen.iter().sum::<f64>() / shown.max(1) as f64;
             fixed.retain(&(0..model.len()).map(|index| seen[index] > visible && !is_own(index)).collect::<Vec<_>>());
             own.retain(&(0..model.len()).map(is_own).collect::<Vec<_>>());
-            let share = (0..model.len()).filter(|&index| is_own(index)).map(|index| work[index]).sum::<f64>() / total;
+            // Large Gaussians reach into many cells: their work counts only where they lie.
+            let in_margin = |index: &usize| wide[number].contains(places[*index]);
+            let share = (0..model.len()).filter(in_margin).map(|index| work[index]).sum::<f64>() / total;
             let (of_fixed, of_own) = (fixed.len() as u32, own.len() as u32);
             let most = ((share * f64::from(plan.settings.gaussians)).round() as u32).max(of_own);
             let steps = f64::from(plan.settings.iterations) * chosen.len() as f64 / cameras.len() as f64;

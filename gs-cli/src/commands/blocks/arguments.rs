@@ -77,12 +77,12 @@ pub(crate) struct PrepareArgs {
     /// Folder for the blocks and the results; made if necessary
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Columns and rows of cells, of equal work; columns are to the right, rows ahead. auto makes as few
-    /// blocks as --memory allows
+    /// Columns and rows of cells, of equal work; columns are to the right, rows ahead. auto makes about
+    /// as few blocks as --memory allows
     #[arg(long, value_name = "auto|MxN", default_value = "auto")]
     pub(crate) blocks: BlocksGrid,
-    /// The most memory of a process that trains a block, such as 8G, for --blocks auto [default: that of
-    /// this machine]
+    /// The most memory of a process that trains a block, such as 8G, for --blocks auto [default: three
+    /// quarters of what is free on this machine]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub(crate) memory: Option<u64>,
     /// Width of the margin in which a block also trains, at each side of its cell, as a share of the cell's work

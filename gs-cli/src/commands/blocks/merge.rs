@@ -40,6 +40,7 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     });
     if compared.is_none() {
         let output = OutputFolder::begin(claim.clone())?;
+        output.leave_out([EVALUATION, SEAMS])?;
         write_3d(output.file(SCENE), &merged, &folder.write_options())?;
         output::note(format_args!(
             "{} of {} in {}",

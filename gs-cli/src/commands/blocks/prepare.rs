@@ -2,18 +2,20 @@
 
 use std::{
     collections::BTreeMap,
+    fmt::Display,
     fs,
     path::{Path, PathBuf},
 };
 
 use gs_backend::FutureExt as _;
-use gs_core::{Scene as _, counted, effects::Antialias, memory::amount};
+use gs_core::{Error as CoreError, Scene as _, counted, effects::Antialias, memory::amount};
 use gs_io::{Inputs, read_checkpoint};
 use gs_lab::{
     blocks::{BlocksFolder, Origin, map},
     study::Machine,
 };
 use gs_train::{
+    Error as TrainError,
     blocks::{BlocksPlan, BlocksSettings, Grid, settle},
     train::Views,
 };
@@ -63,6 +65,10 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
     let division = BlocksSettings { grid, margin: args.margin, threshold: args.threshold };
     division.validate().map_err(Failure::usage)?;
     let coarse = match &args.model {
+        Some(model) if model.is_file() => {
+            let message = format!("--model: {} is a file", model.display());
+            return Err(Failure::usage(message).hint("name the output folder of gs train that it is in"));
+        }
         Some(model) => model.clone(),
         None => train_coarse(args)?,
     };
@@ -95,8 +101,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
     let plan = divided(division, most, |division| {
         let store = |block: usize, scene: &_| Ok(preparing.store(block, scene)?);
         let (settled, settings) = (settled.clone(), settings.clone());
-        let plan = BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store);
-        Ok(plan.block_on()?)
+        BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()
     });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
     output.write(MAP, map(&plan, views.train_cameras()))?;
@@ -107,11 +112,13 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
 /// The grid to try first, and the memory that a block may take, if the grid is to follow from it.
 fn first_grid(args: &PrepareArgs) -> Result<(Grid, Option<u64>), Failure> {
     match (args.blocks, args.memory) {
-        (BlocksGrid::Of(_), Some(_)) => Err(Failure::usage("--memory is for --blocks auto: leave out one of both")),
+        (BlocksGrid::Of(_), Some(_)) => Err(Failure::usage("--memory is for --blocks auto: leave out one of the two")),
         (BlocksGrid::Of(grid), None) => Ok((grid, None)),
         (BlocksGrid::Auto, memory) => {
             let unknown = || Failure::usage("--memory: this system does not say how much memory there is");
-            let most = memory.or_else(memory::room).ok_or_else(|| unknown().hint("set it, such as --memory 8G"))?;
+            let most = memory
+                .or_else(|| Some(memory::room()? / 4 * 3))
+                .ok_or_else(|| unknown().hint("set it, such as --memory 8G"))?;
             Ok((Grid { columns: 1, rows: 1 }, Some(most)))
         }
     }
@@ -121,26 +128,35 @@ fn first_grid(args: &PrepareArgs) -> Result<(Grid, Option<u64>), Failure> {
 fn divided(
     mut division: BlocksSettings,
     most: Option<u64>,
-    mut plan: impl FnMut(BlocksSettings) -> Result<BlocksPlan, Failure>,
+    mut plan: impl FnMut(BlocksSettings) -> Result<BlocksPlan, TrainError>,
 ) -> Result<BlocksPlan, Failure> {
-    // What the last division needed.
-    let mut last: Option<(u64, String)> = None;
+    // What the smallest division so far needs, and how many in a row need more.
+    let (mut least, mut takes, mut in_vain) = (u64::MAX, String::new(), 0);
     loop {
-        let tried = plan(division);
-        let needed = |plan: &BlocksPlan| plan.blocks.iter().map(|block| block.memory).max().unwrap_or_default();
-        let (most, needed) = match (most, &tried, &last) {
-            (Some(most), Ok(plan), _) if needed(plan) > most => (most, needed(plan)),
-            (Some(most), Err(_), Some((least, _))) => (most, *least),
-            _ => return tried,
-        };
-        if let Some((_, takes)) = last.as_ref().filter(|(least, _)| needed >= *least) {
-            let message = format!("--memory {}: {takes}, and more blocks do not take less", amount(most));
-            return Err(Failure::failed(message).hint("allow more, or reduce --max-size or --coarse-gaussians"));
-        }
         let Grid { columns, rows } = division.grid;
-        let takes = format!("in {columns}x{rows} blocks, a block takes about {} of memory", amount(needed));
-        output::note(&takes);
-        last = Some((needed, takes));
+        let tried = plan(division);
+        let refused = |why: &dyn Display| {
+            let message = format!("--memory {}: {takes}, and {why}", amount(most.unwrap_or_default()));
+            Failure::failed(message).hint("allow more, or reduce --max-size or --coarse-gaussians")
+        };
+        let tried = match tried {
+            // The scene cannot be divided so far.
+            Err(TrainError::Core(error @ CoreError::Setting { .. })) if least < u64::MAX => {
+                return Err(refused(&format_args!("there cannot be more ({error})")));
+            }
+            tried => tried?,
+        };
+        let needed = tried.blocks.iter().map(|block| block.memory).max().unwrap_or_default();
+        let Some(most) = most.filter(|most| needed > *most) else { return Ok(tried) };
+        in_vain = if needed < least { 0 } else { in_vain + 1 };
+        if in_vain == 2 {
+            return Err(refused(&"more blocks do not take less"));
+        }
+        if needed < least {
+            takes = format!("in {columns}x{rows} blocks, a block takes about {} of memory", amount(needed));
+            output::note(&takes);
+            least = needed;
+        }
         // As many as would be enough if all of the memory could be divided.
         let enough = (f64::from(columns * rows) * needed as f64 / most as f64).ceil() as u32;
         let count = enough.clamp(columns * rows + 1, 4 * columns * rows);
@@ -149,10 +165,11 @@ fn divided(
     }
 }
 
-/// Fails for a model without a checkpoint for which poses or exposure were corrected, by its summary, or by its plan if
-/// it was merged of blocks.
+/// Fails for a model without a checkpoint whose summary says that poses or exposure were corrected, and for a scene
+/// that was merged of such blocks.
 fn refuse_unsettled(model: &Path) -> Result<(), Failure> {
-    if let Some(view) = BlocksFolder::open(model).ok().and_then(|folder| folder.plan().first_corrected().cloned()) {
+    let is_merged = BlocksFolder::refuse_existing(model).is_err();
+    if let Some(view) = is_merged.then(|| BlocksFolder::open(model)).transpose()?.and_then(corrected) {
         let message = format!("--model: the pose or the exposure of {view} was corrected for these blocks");
         return Err(Failure::usage(message).hint("name their coarse model, or leave out --model"));
     }
@@ -168,6 +185,11 @@ fn refuse_unsettled(model: &Path) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// The name of the first view whose pose or exposure was corrected.
+fn corrected(folder: BlocksFolder) -> Option<String> {
+    folder.plan().first_corrected().cloned()
 }
 
 /// Trains the coarse model, and returns its folder.

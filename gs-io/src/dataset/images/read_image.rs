@@ -59,7 +59,8 @@ impl View {
         self.read_window(self.all())
     }
 
-    /// A part of what [`Self::read_compact`] reads, without computing the rest.
+    /// A part of what [`Self::read_compact`] reads, without computing the rest. In a view with a mask that leaves
+    /// out nothing of the part, numbers may be rounded otherwise.
     ///
     /// # Errors
     /// Those of [`Self::read_image`].

@@ -30,7 +30,7 @@ pub(crate) fn within((width, height): (u32, u32), max_side: u32) -> (u32, u32) {
 
 /// A picture that is scaled down, of which only a window is wanted.
 pub(super) struct Shrinking {
-    /// Its size, and that at the smaller scale.
+    /// The size of the whole picture before and after scaling.
     old: (u32, u32),
     new: (u32, u32),
     /// The window, at the smaller scale.

@@ -151,11 +151,22 @@ fn masks_of_any_size_black_out_what_does_not_count() {
 #[test]
 fn a_window_is_what_the_whole_image_has_there() {
     let window = Window { left: 5, top: 3, width: 11, height: 9 };
-    for (parameters, is_masked) in [(&[60.0, 32.0, 24.0, -0.1][..], false), (&[25.0, 32.0, 24.0, -0.3], true)] {
+    let lenses = [
+        ("SIMPLE_RADIAL", &[60.0, 32.0, 24.0, -0.1][..], false),
+        ("SIMPLE_RADIAL", &[25.0, 32.0, 24.0, -0.3], false),
+        ("PINHOLE", &[60.0, 60.0, 32.0, 24.0], false),
+        ("PINHOLE", &[60.0, 60.0, 32.0, 24.0], true),
+    ];
+    for (lens, parameters, has_mask) in lenses {
         for max_side in [None, NonZeroU32::new(37)] {
             let place = folder();
             let blank = Image::filled(64, 48, [0.0; 3]).unwrap();
-            one_view(place.path(), "SIMPLE_RADIAL", parameters, &blank);
+            one_view(place.path(), lens, parameters, &blank);
+            if has_mask {
+                let striped = Image::from_fn(64, 48, |x, y| [f32::from((x + y) % 3 > 0); 3]).unwrap();
+                fs::create_dir(place.path().join("masks")).unwrap();
+                crate::write_png(place.path().join("masks/view 000.png"), &striped).unwrap();
+            }
             let file = place.path().join("images/view 000.png");
             for alpha in [255, 60] {
                 let color = |x: u32, y: u32| [(4 * x) as u8, (5 * y) as u8, (x * y) as u8];
@@ -172,7 +183,8 @@ fn a_window_is_what_the_whole_image_has_there() {
                 // A window of which all pixels count has no mask.
                 let all = vec![true; 99];
                 assert_eq!(read.mask.unwrap_or(all.clone()), expected.mask.unwrap_or(all));
-                assert_eq!(view.read_compact().unwrap().to_posed().unwrap().mask.is_some(), is_masked);
+                let is_folded = parameters.last() == Some(&-0.3);
+                assert_eq!(view.read_compact().unwrap().to_posed().unwrap().mask.is_some(), has_mask || is_folded);
             }
         }
     }
