@@ -134,6 +134,10 @@ impl Colmap {
         if let Some(threads) = settings.threads {
             arguments.set(&named("num_threads"), threads);
         }
+        let both_ways = "SiftMatching.cross_check";
+        if plan.one_way && self.matching.contains(both_ways) {
+            arguments.set(both_ways, 0);
+        }
         if plan.all_pairs {
             // Smaller blocks show more of the progress.
             arguments.set("ExhaustiveMatching.block_size", 20);

@@ -22,8 +22,8 @@ const FEATURES: [f64; 2] = [1024.0, 8192.0];
 /// pair takes time by about the square of the features.
 const WORK: f64 = 66_000.0;
 
-/// Pairs of 29 photographs. Of more, there are fewer features still, by this power of the number of pairs,
-/// because all else takes longer with more photographs, too.
+/// Pairs of 29 photographs. Of more, each pair is compared in one direction only, and there are fewer features still, by
+/// this power of the number of pairs, because all else takes longer with more photographs, too.
 const MANY_PAIRS: f64 = 406.0;
 const FEWER: f64 = 0.3;
 
@@ -53,6 +53,9 @@ pub(crate) struct Plan {
     pub(crate) doubled: bool,
     /// The longer side of the images in which features are looked for, px.
     pub(crate) max_size: u32,
+    /// Whether only the nearest feature of the second photograph is looked for, in about half of the time, and not
+    /// also whether that one's nearest is the feature of the first.
+    pub(crate) one_way: bool,
 }
 
 /// Photographs that one camera took.
@@ -96,6 +99,7 @@ impl Plan {
             features: features as u32,
             doubled: longest.min(settings.max_size) <= SMALL || features >= MANY,
             max_size: settings.max_size,
+            one_way: pairs > MANY_PAIRS && pace == 1,
         }
     }
 
@@ -174,6 +178,7 @@ mod tests {
         assert_eq!((many.groups[0].model.as_str(), many.features), ("OPENCV", 1024));
         assert!(many.all_pairs && !most.all_pairs);
         assert!(three.doubled && !many.doubled);
+        assert!(!plan(29, &settings).one_way && plan(30, &settings).one_way);
         assert!(plan(400, &settings.clone().with(|s| s.pairs = Pairs::All)).all_pairs);
         let fisheye = settings.with(|s| s.lens = LensKind::Fisheye);
         assert_eq!(plan(3, &fisheye).groups[0].model, "OPENCV_FISHEYE");
