@@ -1,20 +1,14 @@
 //! What each Gaussian and each block contribute to views, as blending weights.
 
 use glam::Vec3;
-use gs_core::{
-    Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d, constants::SH_C0,
-    effects::Statistics,
-};
+use gs_core::{Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d, effects::Statistics};
 use gs_io::dataset::Window;
 
 use crate::{
-    edit::{blending_weights, colorless},
+    edit::{blending_weights, color_gradients, colorless},
     error::Error,
     train::plain,
 };
-
-/// Blocks whose contributions are drawn at once: one for each channel.
-const AT_ONCE: usize = 3;
 
 /// Share of a block's weights in a view that may lie beyond each side of its window: a few pixels far from all others
 /// would make windows whole views.
@@ -62,60 +56,74 @@ impl<'a, R: Rasterizer<Scene3d>> Coarse<'a, R> {
     }
 
     /// What each of several sets of Gaussians contributes to each view, `[sets][views]`. `contains(set, index)` says
-    /// whether a Gaussian is in a set.
+    /// whether a Gaussian is in a set. Each view is drawn once, for however many sets.
     pub(super) async fn contributions(
         &self,
         sets: usize,
         contains: impl Fn(usize, usize) -> bool,
         cameras: &[Camera],
     ) -> Result<Vec<Vec<Contribution>>, Error> {
-        let mut alphas = Vec::with_capacity(cameras.len());
+        let sets_of = |index: usize| (0..sets).filter(|&set| contains(set, index)).collect();
+        let sets_of: Vec<Vec<usize>> = (0..self.scene.len()).map(sets_of).collect();
+        let mut found = vec![Vec::with_capacity(cameras.len()); sets];
         for camera in cameras {
-            let (alpha, _) = self.on.draw(&self.grey, camera, &self.render.of_alpha()).await?;
-            alphas.push(alpha.pixels().iter().map(|pixel| f64::from(pixel[0])).sum::<f64>());
-        }
-        let mut found = Vec::with_capacity(sets);
-        for first in (0..sets).step_by(AT_ONCE) {
-            let mut marked = plain(self.scene);
-            for (index, sh) in marked.sh.iter_mut().enumerate() {
-                let color = [0, 1, 2].map(|k| if first + k < sets && contains(first + k, index) { 1.0 } else { 0.0 });
-                *sh = (Vec3::from_array(color) - 0.5) / SH_C0;
+            let maps = Image::from_fn(camera.width, camera.height, |x, y| [1.0, x as f32 + 0.5, y as f32 + 0.5])?;
+            let sums = color_gradients((self.on, &self.grey), camera, &self.render, &maps).await?;
+            let mut of_sets = vec![Lines::new(camera); sets];
+            for (sum, sets) in sums.iter().zip(&sets_of) {
+                sets.iter().for_each(|&set| of_sets[set].add(*sum));
             }
-            let splats = self.on.upload(&marked, Parameterization::ScaleRotation)?;
-            let mut of_sets = vec![Vec::with_capacity(cameras.len()); AT_ONCE.min(sets - first)];
-            for (camera, alpha) in cameras.iter().zip(&alphas) {
-                let (image, _) = self.on.draw(&splats, camera, &self.render).await?;
-                let of_channel =
-                    |(channel, of_set): (usize, &mut Vec<_>)| of_set.push(contribution(&image, channel, *alpha));
-                of_sets.iter_mut().enumerate().for_each(of_channel);
-            }
-            found.extend(of_sets);
+            let all = sums.iter().map(|sum| f64::from(sum.x)).sum();
+            found.iter_mut().zip(&of_sets).for_each(|(found, lines)| found.push(lines.contribution(all)));
         }
         Ok(found)
     }
 }
 
-/// The contribution in one channel to a view with this sum of weights.
-fn contribution(image: &Image, channel: usize, all: f64) -> Contribution {
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    let (mut columns, mut rows) = (vec![0.0; width], vec![0.0; height]);
-    for (index, pixel) in image.pixels().iter().enumerate() {
-        columns[index % width] += f64::from(pixel[channel]);
-        rows[index / width] += f64::from(pixel[channel]);
+/// The blending weights of some Gaussians in each column and each row of a view, px.
+#[derive(Debug, Clone)]
+struct Lines {
+    columns: Vec<f64>,
+    rows: Vec<f64>,
+}
+
+impl Lines {
+    fn new(camera: &Camera) -> Self {
+        Self { columns: vec![0.0; camera.width as usize], rows: vec![0.0; camera.height as usize] }
     }
-    let sum: f64 = rows.iter().sum();
-    let share = if all > 0.0 { sum / all } else { 0.0 };
-    let (across, down) = (within(&columns, sum), within(&rows, sum));
-    if share >= WHOLE || (across.len() * down.len()) as f64 >= WHOLE * (width * height) as f64 {
-        return Contribution { share, window: None };
+
+    /// Adds a Gaussian by the sum of its weights, and the sums of each weight times its column and its row. The
+    /// Gaussian is taken for an opaque disc.
+    fn add(&mut self, Vec3 { x: weight, y: across, z: down }: Vec3) {
+        if weight > 0.0 {
+            let radius = (weight / std::f32::consts::PI).sqrt();
+            for (lines, at) in [(&mut self.columns, across / weight), (&mut self.rows, down / weight)] {
+                let line = |at: f32| (at.max(0.0) as usize).min(lines.len() - 1);
+                let reached = line(at - radius)..=line(at + radius);
+                let each = f64::from(weight) / reached.clone().count() as f64;
+                lines[reached].iter_mut().for_each(|line| *line += each);
+            }
+        }
     }
-    let side = |range: std::ops::Range<usize>, size: usize| {
-        let [from, to] = [range.start, range.end].map(|at| at as f32 / size as f32);
-        let padding = PADDING * (to - from);
-        [(from - padding).max(0.0), (to + padding).min(1.0)]
-    };
-    let ([left, right], [top, bottom]) = (side(across, width), side(down, height));
-    Contribution { share, window: Some([left, top, right, bottom]) }
+
+    /// The contribution to a view with this sum of weights.
+    fn contribution(&self, all: f64) -> Contribution {
+        let Self { columns, rows } = self;
+        let sum: f64 = rows.iter().sum();
+        let share = if all > 0.0 { sum / all } else { 0.0 };
+        let (across, down) = (within(columns, sum), within(rows, sum));
+        let pixels = (columns.len() * rows.len()) as f64;
+        if share >= WHOLE || (across.len() * down.len()) as f64 >= WHOLE * pixels {
+            return Contribution { share, window: None };
+        }
+        let side = |range: std::ops::Range<usize>, size: usize| {
+            let [from, to] = [range.start, range.end].map(|at| at as f32 / size as f32);
+            let padding = PADDING * (to - from);
+            [(from - padding).max(0.0), (to + padding).min(1.0)]
+        };
+        let ([left, right], [top, bottom]) = (side(across, columns.len()), side(down, rows.len()));
+        Contribution { share, window: Some([left, top, right, bottom]) }
+    }
 }
 
 /// The lines of an image that hold all of a sum but [`BEYOND`] on each side; none of a sum of 0.
@@ -152,14 +160,24 @@ mod tests {
 
     #[test]
     fn windows_hold_nearly_all_weights_and_some_more() {
-        let image =
-            Image::from_fn(20, 10, |x, y| [if (5..15).contains(&x) && y < 5 { 0.5 } else { 0.001 }, 0.2, 0.0]).unwrap();
         let camera = Camera::looking_forward(200, 100, 1.0);
-        let part = contribution(&image, 0, 200.0);
+        let pixels = |of: fn(u32, u32) -> f32| {
+            let mut lines = Lines::new(&Camera::looking_forward(20, 10, 1.0));
+            for (x, y) in (0..200).map(|pixel| (pixel % 20, pixel / 20)) {
+                lines.add(of(x, y) * Vec3::new(1.0, x as f32 + 0.5, y as f32 + 0.5));
+            }
+            lines.contribution(200.0)
+        };
+        let part = pixels(|x, y| if (5..15).contains(&x) && y < 5 { 0.5 } else { 0.001 });
         assert!((part.share - (25.0 + 0.15) / 200.0).abs() < 1e-6, "{part:?}");
         assert_eq!(part.window_of(&camera), Some(Window { left: 40, top: 0, width: 120, height: 55 }));
-        assert_eq!(contribution(&image, 1, 200.0).window_of(&camera), None);
-        let nothing = contribution(&image, 2, 0.0);
+        assert_eq!(pixels(|_, _| 0.2).window_of(&camera), None);
+        let nothing = pixels(|_, _| 0.0);
         assert_eq!((nothing.share, nothing.window_of(&camera).map(|w| (w.width, w.height))), (0.0, Some((1, 1))));
+        // A Gaussian that covers 28 pixels around (12, 4), whose disc has a radius of 3 px.
+        let mut lines = Lines::new(&Camera::looking_forward(20, 10, 1.0));
+        lines.add(28.0 * Vec3::new(1.0, 12.0, 4.0));
+        let window = lines.contribution(200.0).window_of(&camera);
+        assert_eq!(window, Some(Window { left: 84, top: 4, width: 72, height: 72 }));
     }
 }

@@ -167,7 +167,7 @@ pub(crate) fn colorless(render: &RenderSettings) -> RenderSettings {
 
 /// The sums of maps over the pixels with the weights of a grey scene's Gaussians, `[N, 3]`, in units of the largest
 /// possible weight of a pixel, if that is small.
-async fn color_gradients<R: Rasterizer<Scene3d>>(
+pub(crate) async fn color_gradients<R: Rasterizer<Scene3d>>(
     (on, grey): (&R, &R::Splats),
     camera: &Camera,
     render: &RenderSettings,
