@@ -42,5 +42,5 @@ pub use crate::{
     state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},
     training::{CullCause, Culled, DensityStatistics, Loss, MeanNoise},
     view::{Camera, CameraGradient, Canvas},
-    words::counted,
+    words::{counted, duration},
 };

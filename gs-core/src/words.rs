@@ -10,6 +10,16 @@ pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> Strin
     format!("{count} {noun}{ending}")
 }
 
+/// A time in the unit that suits it, rounded up from minutes on: "12 s", "3 min", "2 h 05 min".
+pub fn duration(seconds: f64) -> String {
+    let seconds = seconds.round() as u64;
+    match seconds {
+        0..120 => format!("{seconds} s"),
+        120..7200 => format!("{} min", seconds.div_ceil(60)),
+        _ => format!("{} h {:02} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
 /// A count with its noun and verb: "1 Gaussian is", "2 Gaussians are".
 pub(crate) fn there_are(count: usize, noun: &str) -> String {
     format!("{} {}", counted(count, noun), if count == 1 { "is" } else { "are" })
@@ -24,5 +34,10 @@ mod tests {
         assert_eq!(counted(1u32, "Gaussian"), "1 Gaussian");
         assert_eq!(counted(0usize, "step"), "0 steps");
         assert_eq!(counted(21u64, "held-out view"), "21 held-out views");
+    }
+
+    #[test]
+    fn durations_have_a_suitable_unit() {
+        assert_eq!(["3 s", "2 min", "100 min", "2 h 05 min"], [3.2, 119.9, 6000.0, 7500.0].map(duration));
     }
 }

@@ -48,16 +48,6 @@ impl Printer {
     }
 }
 
-/// A time in the unit that suits it: "12 s", "3 min", "2 h 05 min".
-pub(crate) fn time(seconds: f64) -> String {
-    let seconds = seconds.round() as u64;
-    match seconds {
-        0..120 => format!("{seconds} s"),
-        120..7200 => format!("{} min", seconds.div_ceil(60)),
-        _ => format!("{} h {:02} min", seconds / 3600, seconds % 3600 / 60),
-    }
-}
-
 /// Room for what a terminal echoes, columns: that of Ctrl-C twice.
 const ECHO: u16 = 4;
 
@@ -65,14 +55,4 @@ const ECHO: u16 = 4;
 /// line, the line breaks, and the bar can no longer be removed.
 pub(crate) fn columns() -> usize {
     usize::from(Term::stderr().size().1.saturating_sub(ECHO))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_have_a_suitable_unit() {
-        assert_eq!(["3 s", "2 min", "100 min", "2 h 05 min"], [3.2, 119.9, 6000.0, 7500.0].map(time));
-    }
 }

@@ -1,9 +1,7 @@
 //! The status of a run, beside the bar or in a line of its own, in as many words as there is room
 //! for.
 
-use gs_core::counted;
-
-use crate::terminal::progress_bar::time;
+use gs_core::{counted, duration};
 
 /// The width of the bar, columns.
 const BAR: usize = 10;
@@ -55,7 +53,7 @@ impl Status {
             format!("loss {loss:.2e}"),
             psnr.map_or_else(String::new, |psnr| format!("PSNR ~{psnr:.1} dB")),
             rate,
-            format!("{} left", time(left)),
+            format!("{} left", duration(left)),
         ]
     }
 }

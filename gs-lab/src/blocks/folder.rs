@@ -9,13 +9,17 @@ use std::{
     time::Duration,
 };
 
-use gs_core::{RenderSettings, Scene as _, Scene3d};
+use gs_core::{Optimizer, RenderSettings, Scene as _, Scene3d};
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, read_3d, write_3d, write_durably};
 use gs_jobs::{
     Claims, JobStore, Keep, Listing, State, WorkSettings,
     files::{self, RUNS},
 };
-use gs_train::blocks::{BlockPlan, BlocksPlan, own};
+use gs_train::{
+    blocks::{BlockPlan, BlocksPlan, block_views, own},
+    limits::Speed,
+    train::{Start, Views},
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -124,6 +128,28 @@ impl Preparing {
         self.starts.truncate(block);
         self.starts.push(digest::of_scene_3d(scene));
         Ok(())
+    }
+
+    /// Seconds that the training of each block is expected to take on this machine, by a trial of about `most_seconds`
+    /// on the block that takes most memory. `views` are those of the data set, at the size for the blocks.
+    ///
+    /// # Errors
+    /// Those of reading images and of training.
+    pub async fn expected_seconds<R: Optimizer<Scene3d>>(
+        &self,
+        plan: &BlocksPlan,
+        on: &R,
+        views: &Views,
+        most_seconds: f64,
+    ) -> Result<Vec<f64>, Error> {
+        let blocks = 0..plan.blocks.len();
+        let block = blocks.clone().max_by_key(|&block| plan.blocks[block].memory).unwrap_or_default();
+        let start = read_3d(self.path.join(ply(STARTS, block)))?.scene;
+        // The trial begins with fewer Gaussians, so the first ones are not those that are fixed.
+        let settings = plan.settings_of(block).with(|s| s.fixed = 0);
+        let views = block_views(plan, block, views)?;
+        let speed = Speed::measure(on, views, Start::Scene(start), &settings, most_seconds).await?;
+        Ok(blocks.map(|block| speed.seconds(&plan.settings_of(block), [0, 0])).collect())
     }
 
     /// Ends the preparation without a plan: removes what was stored.

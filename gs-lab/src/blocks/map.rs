@@ -3,8 +3,11 @@
 use std::fmt::Write as _;
 
 use glam::DVec2;
-use gs_core::{Camera, memory::amount};
+use gs_core::{Camera, counted, duration, memory::amount};
 use gs_train::blocks::{BlockPlan, BlocksPlan};
+use maud::{PreEscaped, html};
+
+use crate::report::html;
 
 /// Longer side of the map, px.
 const SIDE: f64 = 900.0;
@@ -57,6 +60,50 @@ pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>)
         let _ = writeln!(svg, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"#c4451c\"/>", place.x, place.y);
     }
     svg + "</svg>\n"
+}
+
+/// The [map] as an HTML page, with a table of the blocks. `seconds` are what each block is expected to take.
+pub fn map_page<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>, seconds: &[f64]) -> String {
+    let division = &plan.division;
+    let used: usize = plan.blocks.iter().map(|block| block.views.len()).sum();
+    let shared = used as f64 / plan.views.len().max(1) as f64;
+    let facts = [
+        ("Training views", format!("{}, each in {shared:.2} blocks on average", plan.views.len())),
+        ("Threshold of a view", format!("{} of its blending weights", division.threshold)),
+        ("Margin", format!("{} of a cell's work at each side", division.margin)),
+        ("Training, all blocks one after the other", duration(seconds.iter().sum())),
+    ];
+    let body = html! {
+        header {
+            p.kind { "Plan" }
+            h1 { (counted(plan.blocks.len(), "block")) }
+            dl.facts { @for (what, value) in &facts { div { dt { (what) } dd { (value) } } } }
+        }
+        main {
+            p { "The ground from above: cells of equal work, and the cameras of the training views as dots." }
+            (PreEscaped(map(plan, cameras)))
+            h2 { "Blocks" }
+            p.quiet { "Memory is an estimate of the most that training takes on a CPU. Time was estimated by a trial on \
+                the machine that made the plan, for one process with all cores." }
+            div.wide { table {
+                thead { tr {
+                    th { "block" }
+                    @for head in ["views", "steps", "Gaussians, first", "at most", "fixed", "memory", "time"] {
+                        th.number { (head) }
+                    }
+                } }
+                tbody { @for (number, block) in plan.blocks.iter().enumerate() { tr {
+                    td { (number + 1) }
+                    @for value in [block.views.len() as u32, block.steps, block.own, block.gaussians - block.fixed, block.fixed] {
+                        td.number { (value) }
+                    }
+                    td.number { (amount(block.memory)) }
+                    td.number { (seconds.get(number).map_or_else(String::new, |seconds| duration(*seconds))) }
+                } } }
+            } }
+        }
+    };
+    html::page("Plan of blocks", &body)
 }
 
 fn words(number: usize, block: &BlockPlan) -> [String; 4] {

@@ -11,7 +11,7 @@ mod map;
 pub use self::{
     conduct::{BlocksWatcher, conduct},
     folder::{BlockOutcome, BlockRecord, BlocksFolder, Origin, Preparing, RunningBlock},
-    map::map,
+    map::{map, map_page},
 };
 #[cfg(doc)]
 use gs_train::blocks::BlocksPlan;

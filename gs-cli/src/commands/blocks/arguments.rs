@@ -33,6 +33,7 @@ DIR then contains:
   coarse/           the coarse model, as gs train writes it
   blocks.json       the plan
   map.svg           a map of the plan: cells, cameras and counts
+  map.html          the map, with a table of the blocks: views, Gaussians, memory and time
   starts/, runs/, scenes/   what blocks begin with; records, claims and checkpoints; results
   scene.ply         the Gaussians of all blocks; gs convert makes levels of detail and other formats of it
   evaluation.json   its quality on the held-out views, by block, and near the edges of cells

@@ -8,10 +8,10 @@ use std::{
 };
 
 use gs_backend::FutureExt as _;
-use gs_core::{Error as CoreError, Scene as _, counted, effects::Antialias, memory::amount};
+use gs_core::{Error as CoreError, Scene as _, counted, duration, effects::Antialias, memory::amount};
 use gs_io::{Inputs, read_checkpoint};
 use gs_lab::{
-    blocks::{BlocksFolder, Origin, map},
+    blocks::{BlocksFolder, Origin, map, map_page},
     study::Machine,
 };
 use gs_train::{
@@ -41,9 +41,13 @@ use crate::{
 };
 
 const MAP: &str = "map.svg";
+const PAGE: &str = "map.html";
 const COARSE: &str = "coarse";
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const SUMMARY: &str = "summary.json";
+
+/// Seconds of a trial of the speed of training.
+const TRIAL: f64 = 5.0;
 
 /// Trains the coarse model, and plans the blocks.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
@@ -56,7 +60,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         return Err(Failure::usage(message).hint("leave it out"));
     }
     BlocksFolder::refuse_existing(&args.output)?;
-    let mut claim = args.overwrite.claim(&args.output, [MAP], Inputs::from_iter([&args.dataset]));
+    let mut claim = args.overwrite.claim(&args.output, [MAP, PAGE], Inputs::from_iter([&args.dataset]));
     claim.folders.extend(BlocksFolder::FOLDERS.map(str::to_owned));
     output_folder::check(&claim)?;
     let dataset = args.images.read(&args.dataset)?;
@@ -104,9 +108,12 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()
     });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
+    let seconds = preparing.expected_seconds(&plan, &backend.rasterizer, &views, TRIAL).block_on();
+    let seconds = seconds.inspect_err(|_| preparing.abandon())?;
     output.write(MAP, map(&plan, views.train_cameras()))?;
+    output.write(PAGE, map_page(&plan, views.train_cameras(), &seconds))?;
     let folder = preparing.finish(origin, plan)?;
-    summary(&folder, model.scene.len(), views.train.len())
+    summary(&folder, model.scene.len(), views.train.len(), seconds.iter().sum())
 }
 
 /// The grid to try first, and the memory that a block may take, if the grid is to follow from it.
@@ -211,7 +218,7 @@ fn train_coarse(args: &PrepareArgs) -> Result<PathBuf, Failure> {
     Ok(folder)
 }
 
-fn summary(folder: &BlocksFolder, coarse: usize, views: usize) -> Result<(), Failure> {
+fn summary(folder: &BlocksFolder, coarse: usize, views: usize, seconds: f64) -> Result<(), Failure> {
     let plan = folder.plan();
     if let Some(first) = plan.unused.first() {
         let count = counted(plan.unused.len(), "view");
@@ -222,12 +229,13 @@ fn summary(folder: &BlocksFolder, coarse: usize, views: usize) -> Result<(), Fai
     let path = folder.path();
     output::result(format_args!(
         "{} of {} and {views} views: each view is in {:.2} blocks on average, and a block takes at most about {} of \
-         memory; see {}; do them with gs blocks work {}",
+         memory; all of them take one process of this machine about {}; see {}; do them with gs blocks work {}",
         counted(plan.blocks.len(), "block"),
         counted(coarse, "coarse Gaussian"),
         used as f64 / views as f64,
         amount(most),
-        path.join(MAP).display(),
+        duration(seconds),
+        path.join(PAGE).display(),
         quoted(path)
     ))
 }

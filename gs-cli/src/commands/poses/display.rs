@@ -2,13 +2,14 @@
 
 use std::time::Instant;
 
+use gs_core::duration;
 use gs_poses::{Observer, Stage};
 use indicatif::ProgressBar;
 
 use crate::terminal::{
     interrupt::Interrupt,
     output,
-    progress_bar::{Printer, bar, time},
+    progress_bar::{Printer, bar},
 };
 
 /// A display on standard error, and Ctrl-C.
@@ -44,7 +45,7 @@ impl Observer for Display {
                 bar.set_message(stage.words());
             }
             None if is_new => {
-                output::note(format_args!("{}: {}", time(self.started.elapsed().as_secs_f64()), stage.words()))
+                output::note(format_args!("{}: {}", duration(self.started.elapsed().as_secs_f64()), stage.words()))
             }
             None => {}
         }

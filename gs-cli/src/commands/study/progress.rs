@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use gs_core::counted;
+use gs_core::{counted, duration};
 use gs_lab::{
     Plan, StudyFolder,
     run::{RunOutcome, Watcher},
@@ -19,7 +19,7 @@ use crate::{
     terminal::{
         interrupt::Interrupt,
         output,
-        progress_bar::{Printer, bar, time},
+        progress_bar::{Printer, bar},
     },
 };
 
@@ -103,7 +103,7 @@ impl State {
     fn message(&self, elapsed: Duration) -> String {
         let failed = if self.failed > 0 { format!("{} failed  ", self.failed) } else { String::new() };
         let left = match self.work_done > 0.0 {
-            true => time(elapsed.as_secs_f64() * self.work_left / self.work_done),
+            true => duration(elapsed.as_secs_f64() * self.work_left / self.work_done),
             false => "some time".to_owned(),
         };
         format!("{} running  {failed}{left} left", self.running)

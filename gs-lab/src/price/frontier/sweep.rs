@@ -1,6 +1,6 @@
 //! The search for the frontier.
 
-use gs_core::{Accuracy, Error, RenderSettings, Scene};
+use gs_core::{Accuracy, Error, RenderSettings, Scene, duration};
 
 use super::{
     super::{
@@ -174,11 +174,11 @@ impl<S: Verifiable> Sweep<'_, S> {
         }
         let milliseconds = 1e3 * seconds / (settings * renderings) as f64;
         let seconds = seconds.max(least);
-        let time = if seconds < 100.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
         Ok(format!(
-            "measuring {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
+            "measuring {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {}, \
              and some seconds for reference pictures",
-            settings * renderings
+            settings * renderings,
+            duration(seconds)
         ))
     }
 }
