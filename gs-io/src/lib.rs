@@ -50,6 +50,8 @@ pub use gs_codec::Extent;
 #[cfg(feature = "write")]
 pub use crate::edit::{Done, Edit, EditError, Filter};
 
+#[cfg(feature = "write")]
+pub use self::scene3d::write_levels_of_parts_3d;
 pub use crate::{
     animation::{Animation, write_animation},
     any_scene::{AnyScene, FRAME_ENTRY, SceneFile, Values, decode_scene, is_scene, read_scene, readable_in, scene_in},

@@ -44,6 +44,8 @@ use std::{
 use glam::{DAffine3, DVec3, Vec3};
 use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 
+#[cfg(feature = "write")]
+pub use self::streamed::write_levels_of_parts_3d;
 pub use self::{
     conversion_loss::ConversionLoss,
     format::Format3d,

@@ -8,7 +8,10 @@ use std::{
 
 use glam::Vec3;
 use gs_core::{Gaussian3d, LodNode, Scene, Scene3d};
-use gs_io::{Error, FolderClaim, Format3d, StreamedSog, WriteOptions3d, encode_3d, read_3d, read_scene, write_3d};
+use gs_io::{
+    Error, FolderClaim, Format3d, StreamedSog, WriteOptions3d, encode_3d, read_3d, read_scene, write_3d,
+    write_levels_of_parts_3d,
+};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -94,6 +97,44 @@ fn all_levels_come_back() {
 
 fn sums_of(scene: &Scene3d) -> Vec3 {
     scene.means.iter().copied().sum::<Vec3>() / scene.len() as f32
+}
+
+#[test]
+fn parts_have_a_tree_each_and_one_above_them() {
+    let (place, whole, scene) = written(400);
+    let path = place.path().join("parts/lod-meta.json");
+    let options = WriteOptions3d::default();
+    let write = |counts: &[usize]| {
+        // Only one part is asked for at a time.
+        let mut from = 0;
+        write_levels_of_parts_3d::<Error>(&path, 1, counts, &options, |part| {
+            let part: Scene3d = (from..from + counts[part]).map(|index| scene.gaussian(index)).collect();
+            from += part.len();
+            Ok(part)
+        })
+    };
+    write(&[400]).unwrap();
+    let content = |path: &Path| fs::read(path).unwrap();
+    assert_eq!(content(&path), content(&whole), "one part is the whole");
+    write(&[0, 300, 3, 97, 0]).unwrap();
+    let streamed = StreamedSog::open(&path).unwrap();
+    let cells = streamed.tree().cells();
+    assert!(inside(streamed.tree()));
+    let sizes: Vec<usize> = cells.iter().map(|(_, levels)| levels[0].gaussians).collect();
+    assert_eq!(sizes, [300, 3, 97]);
+    let coarsest: Vec<usize> = cells.iter().map(|(_, levels)| levels[6].gaussians).collect();
+    assert_eq!(coarsest, [4, 1, 1]);
+    let finest = read_3d(&path).unwrap().scene;
+    assert_eq!(finest.len(), 400);
+    assert!(sums_of(&finest).distance(sums_of(&scene)) < 0.001);
+    for level in 0..7 {
+        assert_eq!(streamed.read(&[level; 3]).unwrap().scene.len(), streamed.counts()[level]);
+    }
+    let (before, folder) = (content(&path), place.path().join("other/lod-meta.json"));
+    let changed = write_levels_of_parts_3d::<Error>(&folder, 1, &[400], &options, |_| Ok(city(8)));
+    assert!(changed.unwrap_err().to_string().contains("part 1 has changed while it was written"));
+    assert!(!folder.parent().unwrap().exists());
+    assert!(matches!(write(&[0, 0]), Err(Error::Unusable { .. })) && content(&path) == before);
 }
 
 #[test]

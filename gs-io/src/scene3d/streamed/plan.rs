@@ -1,4 +1,4 @@
-//! Which Gaussians a streamed SOG has in which chunk, which follows from their number alone.
+//! Which Gaussians a streamed SOG has in which chunk, which follows from the numbers of its parts alone.
 
 use std::ops::Range;
 
@@ -19,13 +19,16 @@ const CHUNK: usize = 1 << 18;
 /// A cell of the tree.
 #[derive(Debug)]
 pub(super) struct Cell {
-    /// Its Gaussians in [`gs_density::spatial_order`].
+    /// The part of the scene that it is in.
+    pub(super) part: usize,
+    /// Its Gaussians in the [`gs_density::spatial_order`] of the part.
     pub(super) members: Range<usize>,
     /// Its run in each level.
     pub(super) runs: Vec<Run>,
 }
 
-/// The chunks of a scene of any number of Gaussians.
+/// The chunks of a scene in any number of parts, of any number of Gaussians. Each part has a tree of its own, and one
+/// above them joins them.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub(super) cells: Vec<Cell>,
@@ -34,11 +37,13 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    pub(super) fn of(gaussians: usize) -> Self {
+    /// `parts` are the numbers of Gaussians of the parts. Those without any have no cells.
+    pub(super) fn of(parts: &[usize]) -> Self {
         let mut plan = Self { cells: Vec::new(), chunks: Vec::new() };
-        plan.add_cells(0..gaussians);
-        let smallest = plan.cells.iter().map(|cell| cell.members.len()).min().unwrap_or(1);
-        let levels = LEVELS.min(1 + smallest.max(1).ilog2() as usize);
+        let with_some = parts.iter().enumerate().filter(|(_, gaussians)| **gaussians > 0);
+        with_some.for_each(|(part, gaussians)| plan.add_cells(part, 0..*gaussians));
+        let largest = plan.cells.iter().map(|cell| cell.members.len()).max().unwrap_or(1);
+        let levels = LEVELS.min(1 + largest.ilog2() as usize);
         // The chunk of each level that is not full: its index, and how many Gaussians it has.
         let mut open = vec![None; levels];
         let mut numbers = vec![0; levels];
@@ -49,7 +54,7 @@ impl Plan {
                     numbers[level] += 1;
                     (plan.chunks.len() - 1, 0)
                 });
-                let count = cell.members.len() >> level;
+                let count = (cell.members.len() >> level).max(1);
                 cell.runs.push(Run { file, offset, count });
                 *open = Some((file, offset + count)).filter(|(_, filled)| *filled < CHUNK);
             }
@@ -57,11 +62,16 @@ impl Plan {
         plan
     }
 
-    fn add_cells(&mut self, range: Range<usize>) {
+    fn add_cells(&mut self, part: usize, range: Range<usize>) {
         match gs_density::halves(&range, CELL) {
-            Some(halves) => halves.into_iter().for_each(|half| self.add_cells(half)),
-            None => self.cells.push(Cell { members: range, runs: Vec::new() }),
+            Some(halves) => halves.into_iter().for_each(|half| self.add_cells(part, half)),
+            None => self.cells.push(Cell { part, members: range, runs: Vec::new() }),
         }
+    }
+
+    /// The cells of each part that has some, in order.
+    pub(super) fn parts(&self) -> impl Iterator<Item = &[Cell]> {
+        self.cells.chunk_by(|a, b| a.part == b.part)
     }
 
     /// The lengths of the runs of a chunk.
@@ -83,7 +93,9 @@ impl Plan {
         let levels = self.cells.first().map_or(0, |cell| cell.runs.len());
         let count = |level: usize| self.cells.iter().map(|cell| cell.runs[level].count as u64).sum();
         let counts: Vec<u64> = (0..levels).map(count).collect();
-        let last = self.cells.last().map_or(0, |cell| cell.members.end);
+        let leaves = &mut leaves.into_iter();
+        let of_part = |cells: &[Cell]| above(0..cells.last().map_or(0, |cell| cell.members.end), leaves);
+        let of_parts = self.parts().map(of_part).collect();
         LodMeta {
             version: Some(VERSION),
             asset: serde_json::json!({ "generator": concat!("gs ", env!("CARGO_PKG_VERSION")) }),
@@ -94,7 +106,7 @@ impl Plan {
             error_unit: Some(WORLD.to_owned()),
             environment: None,
             filenames: self.chunks.iter().map(|chunk| format!("{chunk}/{}", sog::META)).collect(),
-            tree: above(0..last, &mut leaves.into_iter()),
+            tree: joined(of_parts),
         }
     }
 }
@@ -103,6 +115,19 @@ impl Plan {
 fn above(range: Range<usize>, leaves: &mut impl Iterator<Item = Node>) -> Node {
     let Some(halves) = gs_density::halves(&range, CELL) else { return leaves.next().expect("a node for each cell") };
     let [left, right] = halves.map(|half| above(half, leaves));
+    parent(left, right)
+}
+
+/// The node of several, in a tree that halves them; there is at least one.
+fn joined(mut nodes: Vec<Node>) -> Node {
+    let later = nodes.split_off(nodes.len().div_ceil(2));
+    match later.is_empty() {
+        true => nodes.swap_remove(0),
+        false => parent(joined(nodes), joined(later)),
+    }
+}
+
+fn parent(left: Node, right: Node) -> Node {
     Node {
         bound: Bounds::from(&left.bound).union((&right.bound).into()).into(),
         children: Some(vec![Some(left), Some(right)]),

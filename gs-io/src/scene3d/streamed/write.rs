@@ -1,6 +1,6 @@
 //! Writes a scene with levels of detail as a streamed SOG.
 
-use std::{fs, io, path::Path};
+use std::{borrow::Cow, fs, io, path::Path};
 
 use gs_core::{Bounds, Gaussian3d, Scene, Scene3d};
 use gs_density::Level;
@@ -24,32 +24,69 @@ use crate::{
 /// Takes a file of a streamed SOG: its name with `/`, and its content.
 type Sink<'a> = dyn FnMut(&str, &[u8]) -> Result<(), Error> + 'a;
 
+/// A scene in parts.
+struct Parts<'a, E> {
+    sh_degree: u8,
+    /// The numbers of Gaussians of the parts.
+    gaussians: &'a [usize],
+    /// Gives a part.
+    part: &'a mut dyn FnMut(usize) -> Result<Cow<'a, Scene3d>, E>,
+}
+
 /// Encodes a scene as `lod-meta.json` with the files of all chunks.
 pub(crate) fn encode(_: Format3d, path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
     let mut files = Vec::new();
-    let (bytes, losses) = encode_chunks(path, &Plan::of(scene.len()), scene, options, &mut |name, bytes| {
+    let plan = Plan::of(&[scene.len()]);
+    let mut part = |_| Ok(Cow::Borrowed(scene));
+    let parts = Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part };
+    let (bytes, losses) = encode_chunks::<Error>(path, &plan, parts, options, &mut |name, bytes| {
         files.push((path.with_file_name(name), bytes.to_vec()));
         Ok(())
     })?;
     Ok(Encoded3d::of(Format3d::StreamedSog, bytes, losses).beside(files))
 }
 
-/// Writes a streamed SOG as [`write_3d`](crate::write_3d) does: all chunks into a temporary folder, and
-/// when they are complete, into their places, `lod-meta.json` last. Needs memory for some chunks beside
-/// the scene.
+/// Writes a streamed SOG as [`write_3d`](crate::write_3d) does.
 pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     check_writable(path, scene)?;
-    range::check(path, Format3d::StreamedSog, scene, options)?;
-    if let Some(frame) = options.world() {
-        let scene = in_world(path, scene, &frame)?;
-        return write(path, &scene, &options.with(|s| s.trained_with.frame = crate::WorldFrame::WORLD));
+    let mut part = |_| Ok(Cow::Borrowed(scene));
+    write_all(path, Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part }, options)
+}
+
+/// Writes a scene that is never in memory as a whole as a streamed SOG: a tree of levels of detail for each of its
+/// parts, and one tree above them. `gaussians` are the numbers of Gaussians of the parts; `part` gives each of them once,
+/// in their order, with this SH degree.
+///
+/// Needs memory for a part and some chunks.
+///
+/// # Errors
+/// Those of [`write_3d`](crate::write_3d) and of `part`; [`Error::Write`] where a part has another number of Gaussians.
+pub fn write_levels_of_parts_3d<E: From<Error>>(
+    path: impl AsRef<Path>,
+    sh_degree: u8,
+    gaussians: &[usize],
+    options: &WriteOptions3d,
+    mut part: impl FnMut(usize) -> Result<Scene3d, E>,
+) -> Result<Written3d, E> {
+    let path = path.as_ref();
+    if Format3d::to_write(path) != Some(Format3d::StreamedSog) {
+        return Err(Format3d::unknown_ending(path).into());
     }
-    let plan = Plan::of(scene.len());
+    if gaussians.iter().all(|gaussians| *gaussians == 0) {
+        return Err(Error::empty(path).into());
+    }
+    let mut part = |number| part(number).map(Cow::Owned);
+    write_all(path, Parts { sh_degree, gaussians, part: &mut part }, options)
+}
+
+/// Writes all chunks into a temporary folder, and when they are complete, into their places, `lod-meta.json` last.
+fn write_all<E: From<Error>>(path: &Path, parts: Parts<'_, E>, options: &WriteOptions3d) -> Result<Written3d, E> {
+    let plan = Plan::of(parts.gaussians);
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let names: Vec<String> = plan.names(scene.sh_degree).chain([META.to_owned()]).collect();
+    let names: Vec<String> = plan.names(parts.sh_degree).chain([META.to_owned()]).collect();
     let is_new = !folder.exists();
     let folder = FolderClaim::new(folder, names.iter().cloned()).begin()?;
-    let losses = write_into(&folder, &plan, &names, scene, options).inspect_err(|_| {
+    let losses = write_into(&folder, &plan, &names, parts, options).inspect_err(|_| {
         if is_new {
             folder.discard();
         }
@@ -58,13 +95,13 @@ pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> R
     Ok(Written3d { format: Format3d::StreamedSog, losses, beside, order: None })
 }
 
-fn write_into(
+fn write_into<E: From<Error>>(
     folder: &OutputFolder,
     plan: &Plan,
     names: &[String],
-    scene: &Scene3d,
+    parts: Parts<'_, E>,
     options: &WriteOptions3d,
-) -> Result<Vec<ConversionLoss>, Error> {
+) -> Result<Vec<ConversionLoss>, E> {
     let place = folder.path();
     let failed = |error: io::Error| Error::write(place, error);
     let unfinished = folder.temporary_folder()?;
@@ -73,7 +110,7 @@ fn write_into(
     }
     let mut write =
         |name: &str, bytes: &[u8]| write_durably(unfinished.path().join(name), |file| file.write_all(bytes));
-    let (meta, losses) = encode_chunks(&place.join(META), plan, scene, options, &mut write)?;
+    let (meta, losses) = encode_chunks(&place.join(META), plan, parts, options, &mut write)?;
     write(META, &meta)?;
     // Without its lod-meta.json, an older scene whose chunks are replaced is not read.
     folder.remove(META)?;
@@ -91,15 +128,18 @@ fn write_into(
 }
 
 /// Encodes all chunks, and returns the content of `lod-meta.json` and what is lost in the finest level.
-fn encode_chunks(
+fn encode_chunks<E: From<Error>>(
     path: &Path,
     plan: &Plan,
-    scene: &Scene3d,
+    parts: Parts<'_, E>,
     options: &WriteOptions3d,
     sink: &mut Sink<'_>,
-) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
-    UnitRotations::new(scene, path)?;
-    let order = gs_density::spatial_order(&scene.means, CELL);
+) -> Result<(Vec<u8>, Vec<ConversionLoss>), E> {
+    let world = options.world();
+    let of_files = match world {
+        Some(_) => options.with(|s| s.trained_with.frame = crate::WorldFrame::WORLD),
+        None => *options,
+    };
     let mut losses: Vec<ConversionLoss> = Vec::new();
     let mut leaves = Vec::with_capacity(plan.cells.len());
     let mut chunks: Vec<Scene3d> = vec![Scene3d::default(); plan.chunks.len()];
@@ -107,7 +147,7 @@ fn encode_chunks(
         let name = &plan.chunks[file];
         let meta = format!("{name}/{}", sog::META);
         let Encoded3d { bytes, beside, written } =
-            sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), options)?;
+            sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), &of_files)?;
         if name.starts_with("0_") {
             ConversionLoss::merge(&mut losses, written.losses);
         }
@@ -119,17 +159,32 @@ fn encode_chunks(
     };
     // Enough cells for all threads; they need memory until the last of them is done.
     let at_once = 2 * rayon::current_num_threads();
-    for (number, batch) in plan.cells.chunks(at_once).enumerate() {
-        let of = |cell: &Cell| levels(scene, &order[cell.members.clone()], cell);
-        let levels: Vec<Vec<Level>> = batch.par_iter().map(of).collect();
-        for (k, (cell, levels)) in batch.iter().zip(levels).enumerate() {
-            leaves.push(leaf(cell, &levels));
-            let later = &plan.cells[number * at_once + k + 1..];
-            for (run, level) in cell.runs.iter().zip(levels) {
-                chunks[run.file].append(level.scene);
-                let is_last = !later.iter().take(1).any(|next| next.runs.iter().any(|other| other.file == run.file));
-                if is_last {
-                    end_chunk(run.file, std::mem::take(&mut chunks[run.file]))?;
+    for cells in plan.parts() {
+        let Some(number) = cells.first().map(|cell| cell.part) else { continue };
+        let mut scene = (parts.part)(number)?;
+        if scene.len() != parts.gaussians[number] || scene.sh_degree != parts.sh_degree {
+            let message = format!("part {} has changed while it was written", number + 1);
+            return Err(Error::write(path, io::Error::other(message)).into());
+        }
+        scene.validate().map_err(Error::content(path))?;
+        range::check(path, Format3d::StreamedSog, &scene, options)?;
+        if let Some(frame) = &world {
+            scene = Cow::Owned(in_world(path, &scene, frame)?);
+        }
+        UnitRotations::new(&scene, path)?;
+        let order = gs_density::spatial_order(&scene.means, CELL);
+        for batch in cells.chunks(at_once) {
+            let of = |cell: &Cell| levels(&scene, &order[cell.members.clone()], cell);
+            let levels: Vec<Vec<Level>> = batch.par_iter().map(of).collect();
+            for (cell, levels) in batch.iter().zip(levels) {
+                leaves.push(leaf(cell, &levels));
+                let next = plan.cells.get(leaves.len());
+                for (run, level) in cell.runs.iter().zip(levels) {
+                    chunks[run.file].append(level.scene);
+                    let goes_on = next.is_some_and(|next| next.runs.iter().any(|other| other.file == run.file));
+                    if !goes_on {
+                        end_chunk(run.file, std::mem::take(&mut chunks[run.file]))?;
+                    }
                 }
             }
         }
