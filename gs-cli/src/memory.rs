@@ -30,6 +30,9 @@ const PLANE: u64 = 4;
 /// Memory for code, threads and tables.
 const BASE: u64 = 60_000_000;
 
+/// What drawing a scene takes for each Gaussian, beside its values.
+const DRAWN: u64 = 320;
+
 /// A part of an image that is drawn in parts.
 const PART: u64 = 32 << 20;
 
@@ -114,6 +117,13 @@ pub(crate) fn check_work(
 ) -> Result<(), Failure> {
     let what = format!("{work} {scene} of {width}x{height} px");
     Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_and_print()
+}
+
+/// Memory for comparing a scene of this many Gaussians with views, near the edges of its blocks, too, bytes: the scene,
+/// what is drawn of it, and its Gaussians in grey.
+pub(crate) fn evaluating(gaussians: usize, sh_degree: u8) -> u64 {
+    let values = 44 + 12 * (u64::from(sh_degree) + 1).pow(2);
+    BASE + gaussians as u64 * (2 * values + DRAWN)
 }
 
 /// Fails where a 3D scene is too large to be read and processed. Any other file is left to its

@@ -65,9 +65,10 @@ fn blocks_have_the_bits_of_one_process_whoever_is_killed() {
     let status = gs(words("status", &shared)).done().stdout;
     assert!(status.starts_with("2 of 2 blocks done\nblock 1 ("), "{status}");
     let merged = [&alone, &shared].map(|output| {
-        let merged = gs(words("merge", output)).done();
+        let merged = gs(words("merge", output).iter().chain(&["--lod"])).done();
         assert!(merged.stdout.contains("pixels near cell edges") && merged.stdout.contains("\nall "), "{merged:?}");
-        fs::read(output.join("scene.ply")).unwrap()
+        assert!(gs(["info", output.join("lod").to_str().unwrap()]).done().stdout.contains("streamed SOG"));
+        ["scene.ply", "lod/lod-meta.json"].map(|name| fs::read(output.join(name)).unwrap())
     });
     assert!(merged[0] == merged[1]);
     let compared = gs(words("merge", &alone).iter().chain(&["--compare", alone.join("coarse").to_str().unwrap()]));

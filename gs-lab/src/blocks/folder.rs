@@ -419,24 +419,44 @@ impl BlocksFolder {
         self.addresses.iter().map(of_block).collect()
     }
 
+    /// The numbers of Gaussians of all blocks' results.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where a block has no result; [`Error::Jobs`] where a record cannot be read.
+    pub fn counts(&self) -> Result<Vec<usize>, Error> {
+        let count = |block: usize| match self.outcome(block)? {
+            Some(BlockOutcome::Finished { gaussians, .. }) => Ok(gaussians),
+            Some(BlockOutcome::Failed { error }) => {
+                Err(self.unfinished(format!("block {} failed: {error}", block + 1)))
+            }
+            None => Err(self.unfinished(format!("block {} has not been done", block + 1))),
+        };
+        (0..self.addresses.len()).map(count).collect()
+    }
+
+    /// The result of a block: its Gaussians of the whole scene.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where the block has no result; [`Error::Io`] where it cannot be read.
+    pub fn result(&self, block: usize) -> Result<Scene3d, Error> {
+        let none = || self.unfinished(format!("block {} has no result", block + 1));
+        self.finished(block)?.ok_or_else(none)?
+    }
+
     /// The scene of all blocks, in their order.
     ///
     /// # Errors
-    /// [`Error::Folder`] where a block has no result; [`Error::Io`] where it cannot be read.
+    /// Those of [`Self::counts`] and [`Self::result`].
     pub fn merged(&self) -> Result<Scene3d, Error> {
-        let wrong = |what, mend| Error::Folder { folder: self.path.clone(), what, mend };
         let mut merged = self.nothing();
-        let mend = "do it with gs blocks work --retry";
-        for block in 0..self.addresses.len() {
-            match (self.finished(block)?, self.outcome(block)?) {
-                (Some(scene), _) => merged.append(scene?),
-                (None, Some(BlockOutcome::Failed { error })) => {
-                    return Err(wrong(format!("block {} failed: {error}", block + 1), mend));
-                }
-                _ => return Err(wrong(format!("block {} has not been done", block + 1), mend)),
-            }
+        for block in 0..self.counts()?.len() {
+            merged.append(self.result(block)?);
         }
         Ok(merged)
+    }
+
+    fn unfinished(&self, what: String) -> Error {
+        Error::Folder { folder: self.path.clone(), what, mend: "do it with gs blocks work --retry" }
     }
 
     /// A scene without a Gaussian.

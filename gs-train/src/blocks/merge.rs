@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::BlocksPlan;
 use crate::{
     error::Error,
-    train::{Evaluation, PosedView, evaluate as evaluate_views},
+    train::{Evaluation, PosedView, evaluate as evaluate_views, plain},
 };
 
 /// The Gaussians of a block's trained scene that belong to the block: those that were not fixed and whose means lie in
@@ -106,7 +106,7 @@ async fn near_edges<R: Rasterizer<Scene3d>>(
 ) -> Result<(Edges, Option<Image>), Error> {
     let [splats, merged] = [
         on.upload(scene, Parameterization::ScaleRotation)?,
-        on.upload(&merged.clone().with_degree(0), Parameterization::ScaleRotation)?,
+        on.upload(&plain(merged), Parameterization::ScaleRotation)?,
     ];
     let covered = render.of_alpha().with(|s| s.effects.sh_degree = 0);
     let inverse = covered.with(|s| s.output = Output::InverseDepth);

@@ -171,7 +171,15 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
 
 /// The scene in grey.
 pub(crate) fn plain(scene: &Scene3d) -> Scene3d {
-    invisible_where_broken(Scene3d { sh_degree: 0, sh: vec![Vec3::ZERO; scene.len()], ..scene.clone() })
+    let Scene3d { means, log_scales, rotations, opacity_logits, .. } = scene;
+    invisible_where_broken(Scene3d {
+        means: means.clone(),
+        log_scales: log_scales.clone(),
+        rotations: rotations.clone(),
+        opacity_logits: opacity_logits.clone(),
+        sh_degree: 0,
+        sh: vec![Vec3::ZERO; scene.len()],
+    })
 }
 
 /// The scene with scales that differ.

@@ -206,6 +206,10 @@ pub(crate) struct MergeArgs {
     pub(crate) folder: FolderArgs,
     #[command(flatten)]
     pub(crate) data: DataArgs,
+    /// Also write levels of detail, a streamed SOG in DIR/lod, block by block, so that the scene is never in
+    /// memory as a whole
+    #[arg(long, conflicts_with = "compare")]
+    pub(crate) lod: bool,
     /// Evaluate another scene of the same place in the same way, and write nothing
     #[arg(long, value_name = "SCENE")]
     pub(crate) compare: Option<PathBuf>,

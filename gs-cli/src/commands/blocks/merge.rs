@@ -1,8 +1,8 @@
 //! `gs blocks merge`: one scene of all blocks, and its quality.
 
 use gs_backend::FutureExt as _;
-use gs_core::{RenderSettings, Scene as _, Scene3d, counted};
-use gs_io::{Inputs, write_3d, write_png};
+use gs_core::{RenderSettings, Scene3d, counted, memory::amount};
+use gs_io::{Inputs, write_levels_of_parts_3d, write_parts_3d, write_png};
 use gs_lab::blocks::BlocksFolder;
 use gs_train::{
     blocks::{BlockQuality, BlocksEvaluation, evaluate},
@@ -16,12 +16,14 @@ use crate::{
         output_folder::{self, OutputFolder},
         scene,
     },
+    memory,
     terminal::output,
 };
 
 const SCENE: &str = "scene.ply";
 const EVALUATION: &str = "evaluation.json";
 const SEAMS: &str = "seams.png";
+const LOD: &str = "lod/lod-meta.json";
 
 /// Joins the blocks, or evaluates another scene.
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
@@ -31,7 +33,8 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     if compared.is_none() {
         output_folder::check(&claim)?;
     }
-    let merged = folder.merged()?;
+    let counts = folder.counts()?;
+    let gaussians: usize = counts.iter().sum();
     let of_blocks = folder.plan().settings.render;
     let compared = compared.map(|mut file| {
         file.move_to(folder.origin().frame);
@@ -41,19 +44,33 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     if compared.is_none() {
         let output = OutputFolder::begin(claim.clone())?;
         output.leave_out([EVALUATION, SEAMS])?;
-        write_3d(output.file(SCENE), &merged, &folder.write_options())?;
+        let blocks = (0..counts.len()).map(|block| folder.result(block));
+        write_parts_3d(output.file(SCENE), gaussians, &folder.write_options(), blocks)?;
         output::note(format_args!(
             "{} of {} in {}",
-            counted(merged.len(), "Gaussian"),
-            counted(folder.plan().blocks.len(), "block"),
+            counted(gaussians, "Gaussian"),
+            counted(counts.len(), "block"),
             folder.path().join(SCENE).display()
         ));
+        if args.lod {
+            levels(&folder, &counts)?;
+        }
     }
     let views = views(&folder, &args.data)?;
     if views.test.is_empty() {
         output::note("note: no view is held out, so the scene is not evaluated");
         return Ok(());
     }
+    if let (Some(room), needed) = (memory::room(), memory::evaluating(gaussians, of_blocks.effects.sh_degree))
+        && needed > room
+    {
+        let (needed, room) = (amount(needed), amount(room));
+        output::note(format_args!(
+            "note: the scene is not evaluated, which takes about {needed} of memory: {room} are free"
+        ));
+        return Ok(());
+    }
+    let merged = folder.merged()?;
     let (render, scene) = compared.as_ref().map_or((of_blocks, &merged), |(render, scene)| (*render, scene));
     let report = report(args, &folder, (scene, &merged), &render, &views)?;
     if compared.is_none() {
@@ -62,6 +79,16 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
         report.seams.as_ref().map(|seams| write_png(output.file(SEAMS), seams)).transpose()?;
     }
     output::result(table(&report))
+}
+
+/// Writes levels of detail: a tree for each block, and one above them.
+fn levels(folder: &BlocksFolder, counts: &[usize]) -> Result<(), Failure> {
+    let path = folder.path().join(LOD);
+    let (degree, options) = (folder.plan().settings.render.effects.sh_degree, folder.write_options());
+    let written = write_levels_of_parts_3d(&path, degree, counts, &options, |block| folder.result(block))?;
+    written.losses.iter().for_each(|loss| output::note(format_args!("note: in {}: {loss}", path.display())));
+    output::note(format_args!("levels of detail in {}", path.display()));
+    Ok(())
 }
 
 fn report(
