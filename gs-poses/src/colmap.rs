@@ -135,7 +135,7 @@ impl Colmap {
             arguments.set(&named("num_threads"), threads);
         }
         let both_ways = "SiftMatching.cross_check";
-        if plan.one_way && self.matching.contains(both_ways) {
+        if plan.one_way && self.pace() == 1 && self.matching.contains(both_ways) {
             arguments.set(both_ways, 0);
         }
         if plan.all_pairs {

@@ -39,6 +39,7 @@ pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>)
          font-size=\"14\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n",
         size.x, size.y
     );
+    let mut texts = String::new();
     for (number, block) in plan.blocks.iter().enumerate() {
         let bound = |bounds: [Option<f64>; 2], open: DVec2| {
             DVec2::new(bounds[0].unwrap_or(open.x), bounds[1].unwrap_or(open.y))
@@ -52,14 +53,18 @@ pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>)
         );
         for (line, text) in words(number, block).iter().enumerate() {
             let y = middle.y + 18.0 * (line as f64 - 1.5);
-            let _ = writeln!(svg, "<text x=\"{:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{text}</text>", middle.x);
+            let _ = writeln!(texts, "<text x=\"{:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{text}</text>", middle.x);
         }
     }
     for place in cameras {
         let place = at(place);
-        let _ = writeln!(svg, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"#c4451c\"/>", place.x, place.y);
+        let _ = writeln!(
+            svg,
+            "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"#c4451c\" fill-opacity=\"0.5\"/>",
+            place.x, place.y
+        );
     }
-    svg + "</svg>\n"
+    svg + &texts + "</svg>\n"
 }
 
 /// The [map] as an HTML page, with a table of the blocks. `seconds` are what each block is expected to take.
@@ -107,11 +112,11 @@ pub fn map_page<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Cam
 }
 
 fn words(number: usize, block: &BlockPlan) -> [String; 4] {
-    let BlockPlan { views, fixed, own, gaussians, steps, memory, .. } = block;
+    let BlockPlan { views, fixed, gaussians, steps, memory, .. } = block;
     [
         format!("block {}", number + 1),
         format!("{} views, {steps} steps", views.len()),
-        format!("{own} Gaussians to {}, {fixed} fixed", gaussians - fixed),
+        format!("up to {} Gaussians", gaussians - fixed),
         amount(*memory),
     ]
 }
