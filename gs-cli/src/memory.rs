@@ -30,7 +30,8 @@ const PLANE: u64 = 4;
 /// Memory for code, threads and tables.
 const BASE: u64 = 60_000_000;
 
-/// What drawing a scene takes for each Gaussian, beside its values.
+/// What drawing a scene takes for each Gaussian, beside a copy of its values: 1.7 million of degree 3 took 1,405 MB
+/// (`benchmarks/2026-11-30-xeon-2-cores/blocks.md`).
 const DRAWN: u64 = 320;
 
 /// A part of an image that is drawn in parts.
@@ -119,11 +120,16 @@ pub(crate) fn check_work(
     Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_and_print()
 }
 
-/// Memory for comparing a scene of this many Gaussians with views, near the edges of its blocks, too, bytes: the scene,
-/// what is drawn of it, and its Gaussians in grey.
-pub(crate) fn evaluating(gaussians: usize, sh_degree: u8) -> u64 {
-    let values = 44 + 12 * (u64::from(sh_degree) + 1).pow(2);
-    BASE + gaussians as u64 * (2 * values + DRAWN)
+/// Memory for comparing a scene with views, bytes: scenes of these numbers of Gaussians and SH degrees, and what drawing
+/// the largest of them takes.
+pub(crate) fn evaluating(scenes: impl IntoIterator<Item = (usize, u8)>) -> u64 {
+    let scenes = scenes.into_iter().map(|(gaussians, degree)| {
+        let gaussians = gaussians as u64;
+        (gaussians * (44 + 12 * (u64::from(degree) + 1).pow(2)), gaussians * DRAWN)
+    });
+    let (all, drawing) =
+        scenes.fold((0, 0), |(all, drawing), (values, drawn)| (all + values, drawing.max(values + drawn)));
+    BASE + all + drawing
 }
 
 /// Fails where a 3D scene is too large to be read and processed. Any other file is left to its

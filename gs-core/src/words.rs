@@ -10,13 +10,14 @@ pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> Strin
     format!("{count} {noun}{ending}")
 }
 
-/// A time in the unit that suits it, rounded up from minutes on: "12 s", "3 min", "2 h 05 min".
+/// A time in the unit that suits it, in whole minutes rounded up: "12 s", "3 min", "2 h 05 min".
 pub fn duration(seconds: f64) -> String {
     let seconds = seconds.round() as u64;
+    let minutes = seconds.div_ceil(60);
     match seconds {
         0..120 => format!("{seconds} s"),
-        120..7200 => format!("{} min", seconds.div_ceil(60)),
-        _ => format!("{} h {:02} min", seconds / 3600, seconds % 3600 / 60),
+        120..7200 => format!("{minutes} min"),
+        _ => format!("{} h {:02} min", minutes / 60, minutes % 60),
     }
 }
 
@@ -38,6 +39,9 @@ mod tests {
 
     #[test]
     fn durations_have_a_suitable_unit() {
-        assert_eq!(["3 s", "2 min", "100 min", "2 h 05 min"], [3.2, 119.9, 6000.0, 7500.0].map(duration));
+        assert_eq!(
+            ["3 s", "2 min", "3 min", "2 h 05 min", "2 h 06 min"],
+            [3.2, 119.9, 121.0, 7500.0, 7501.0].map(duration)
+        );
     }
 }

@@ -245,6 +245,39 @@ mod tests {
     }
 
     #[test]
+    fn only_a_slow_version_compares_in_one_direction() {
+        let plan = |one_way| Plan {
+            groups: Vec::new(),
+            all_pairs: true,
+            features: 1024,
+            doubled: false,
+            max_size: 1600,
+            one_way,
+        };
+        let compares_in_one = |version, gpu, help: &str, plan: &Plan| {
+            let colmap = Colmap {
+                program: Program::Colmap("colmap"),
+                version,
+                gpu,
+                extraction: String::new(),
+                matching: help.to_owned(),
+                has_global_mapper: false,
+            };
+            let here = Path::new("");
+            let place = Place { database: here, images: here, masks: here, models: here };
+            let Arguments(words) = colmap.compare(&place, plan, &Settings::default());
+            words.windows(2).any(|pair| pair[0] == "--SiftMatching.cross_check" && pair[1] == "0")
+        };
+        let help = "  --SiftMatching.cross_check arg (=1)";
+        assert!(compares_in_one([3, 8, 0], false, help, &plan(true)));
+        assert!(compares_in_one([3, 8, 0], false, help, &plan(false).thorough()));
+        assert!(!compares_in_one([3, 8, 0], false, help, &plan(false)));
+        assert!(!compares_in_one([3, 8, 0], true, help, &plan(true)));
+        assert!(!compares_in_one([4, 1, 1], false, help, &plan(true)));
+        assert!(!compares_in_one([3, 8, 0], false, "", &plan(true)));
+    }
+
+    #[test]
     fn options_have_the_names_of_the_version() {
         let options = ["FeatureExtraction", "SiftExtraction"];
         assert_eq!(renamed("  --SiftExtraction.use_gpu arg", options, "use_gpu"), "SiftExtraction.use_gpu");

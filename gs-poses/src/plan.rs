@@ -22,8 +22,8 @@ const FEATURES: [f64; 2] = [1024.0, 8192.0];
 /// pair takes time by about the square of the features.
 const WORK: f64 = 66_000.0;
 
-/// Pairs of 29 photographs. Of more, each pair is compared in one direction only, and there are fewer features still, by
-/// this power of the number of pairs, because all else takes longer with more photographs, too.
+/// Pairs of 29 photographs. With more pairs, a slow COLMAP compares them in one direction only, and there are fewer
+/// features still, by this power of the number of pairs, because all else takes longer with more photographs, too.
 const MANY_PAIRS: f64 = 406.0;
 const FEWER: f64 = 0.3;
 

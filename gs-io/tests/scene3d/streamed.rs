@@ -132,7 +132,7 @@ fn parts_have_a_tree_each_and_one_above_them() {
     }
     let (before, folder) = (content(&path), place.path().join("other/lod-meta.json"));
     let changed = write_levels_of_parts_3d::<Error>(&folder, 1, &[400], &options, |_| Ok(city(8)));
-    assert!(changed.unwrap_err().to_string().contains("part 1 has changed while it was written"));
+    assert!(changed.unwrap_err().to_string().contains("part 1 has other Gaussians than was said"));
     assert!(!folder.parent().unwrap().exists());
     assert!(matches!(write(&[0, 0]), Err(Error::Unusable { .. })) && content(&path) == before);
 }

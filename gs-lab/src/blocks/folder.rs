@@ -9,14 +9,14 @@ use std::{
     time::Duration,
 };
 
-use gs_core::{Optimizer, RenderSettings, Scene as _, Scene3d};
+use gs_core::{Camera, Optimizer, RenderSettings, Scene as _, Scene3d};
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, read_3d, write_3d, write_durably};
 use gs_jobs::{
     Claims, JobStore, Keep, Listing, State, WorkSettings,
     files::{self, RUNS},
 };
 use gs_train::{
-    blocks::{BlockPlan, BlocksPlan, block_views, own},
+    blocks::{BlockPlan, BlockView, BlocksPlan, block_views, own},
     limits::Speed,
     train::{Start, Views},
 };
@@ -128,28 +128,6 @@ impl Preparing {
         self.starts.truncate(block);
         self.starts.push(digest::of_scene_3d(scene));
         Ok(())
-    }
-
-    /// Seconds that the training of each block is expected to take on this machine, by a trial of about `most_seconds`
-    /// on the block that takes most memory. `views` are those of the data set, at the size for the blocks.
-    ///
-    /// # Errors
-    /// Those of reading images and of training.
-    pub async fn expected_seconds<R: Optimizer<Scene3d>>(
-        &self,
-        plan: &BlocksPlan,
-        on: &R,
-        views: &Views,
-        most_seconds: f64,
-    ) -> Result<Vec<f64>, Error> {
-        let blocks = 0..plan.blocks.len();
-        let block = blocks.clone().max_by_key(|&block| plan.blocks[block].memory).unwrap_or_default();
-        let start = read_3d(self.path.join(ply(STARTS, block)))?.scene;
-        // The trial begins with fewer Gaussians, so the first ones are not those that are fixed.
-        let settings = plan.settings_of(block).with(|s| s.fixed = 0);
-        let views = block_views(plan, block, views)?;
-        let speed = Speed::measure(on, views, Start::Scene(start), &settings, most_seconds).await?;
-        Ok(blocks.map(|block| speed.seconds(&plan.settings_of(block), [0, 0])).collect())
     }
 
     /// Ends the preparation without a plan: removes what was stored.
@@ -305,6 +283,41 @@ impl BlocksFolder {
     /// [`Error::Io`] where they cannot be read, [`Error::Folder`] where they have changed.
     pub fn start(&self, block: usize) -> Result<Scene3d, Error> {
         self.scene(&ply(STARTS, block), &self.content.starts[block], "prepare the blocks again in another folder")
+    }
+
+    /// Seconds that the training of each block is expected to take with this backend, by a trial of about `most_seconds`
+    /// on the block that takes most memory. `views` are those of the data set, at the size for the blocks.
+    ///
+    /// # Errors
+    /// Those of [`Self::start`], of reading images and of training.
+    pub async fn expected_seconds<R: Optimizer<Scene3d>>(
+        &self,
+        on: &R,
+        views: &Views,
+        most_seconds: f64,
+    ) -> Result<Vec<f64>, Error> {
+        let plan = self.plan();
+        let blocks = 0..plan.blocks.len();
+        let tried = blocks.clone().max_by_key(|&block| plan.blocks[block].memory).unwrap_or_default();
+        // The trial begins with fewer Gaussians, so the first ones are not those that are fixed.
+        let settings = plan.settings_of(tried).with(|s| s.fixed = 0);
+        let (start, views_of_trial) = (Start::Scene(self.start(tried)?), block_views(plan, tried, views)?);
+        let speed = Speed::measure(on, views_of_trial, start, &settings, most_seconds).await?;
+        let pixels = |block: &BlockPlan| {
+            let of_view = |used: &BlockView| {
+                let Camera { width, height, .. } = views.train[used.view].camera;
+                let (width, height) = used.window.map_or((width, height), |window| (window.width, window.height));
+                f64::from(width) * f64::from(height)
+            };
+            block.views.iter().map(of_view).sum::<f64>() / block.views.len() as f64
+        };
+        let seconds = |block: usize| {
+            let (settings, block) = (plan.settings_of(block), &plan.blocks[block]);
+            let first = (block.fixed + block.own) as usize;
+            let speed = speed.with_views(first, block.views.len(), pixels(block) / pixels(&plan.blocks[tried]));
+            speed.seconds(&settings, [0, 0])
+        };
+        Ok(blocks.map(seconds).collect())
     }
 
     fn scene(&self, name: &str, expected: &str, mend: &'static str) -> Result<Scene3d, Error> {

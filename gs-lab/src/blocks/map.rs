@@ -74,22 +74,23 @@ pub fn map_page<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Cam
     let shared = used as f64 / plan.views.len().max(1) as f64;
     let facts = [
         ("Training views", format!("{}, each in {shared:.2} blocks on average", plan.views.len())),
-        ("Threshold of a view", format!("{} of its blending weights", division.threshold)),
+        ("A block uses a view", format!("from {} of its blending weights on", division.threshold)),
         ("Margin", format!("{} of a cell's work at each side", division.margin)),
-        ("Training, all blocks one after the other", duration(seconds.iter().sum())),
-    ];
+    ]
+    .into_iter()
+    .chain((!seconds.is_empty()).then(|| ("All blocks, one after the other", duration(seconds.iter().sum()))));
     let body = html! {
         header {
             p.kind { "Plan" }
             h1 { (counted(plan.blocks.len(), "block")) }
-            dl.facts { @for (what, value) in &facts { div { dt { (what) } dd { (value) } } } }
+            dl.facts { @for (what, value) in facts { div { dt { (what) } dd { (value) } } } }
         }
         main {
             p { "The ground from above: cells of equal work, and the cameras of the training views as dots." }
             (PreEscaped(map(plan, cameras)))
             h2 { "Blocks" }
-            p.quiet { "Memory is an estimate of the most that training takes on a CPU. Time was estimated by a trial on \
-                the machine that made the plan, for one process with all cores." }
+            p.quiet { "Memory is an estimate of the most that training takes on a CPU. Time was estimated by a \
+                trial on the largest block, with the backend and the threads of gs blocks prepare." }
             div.wide { table {
                 thead { tr {
                     th { "block" }

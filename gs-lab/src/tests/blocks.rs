@@ -23,7 +23,7 @@ use gs_train::{
 use super::scenes::cpu;
 use crate::{
     Error,
-    blocks::{BlockOutcome, BlocksFolder, BlocksWatcher, Origin, conduct, map},
+    blocks::{BlockOutcome, BlocksFolder, BlocksWatcher, Origin, conduct, map, map_page},
     run::Conducted,
 };
 
@@ -259,6 +259,20 @@ fn the_result_depends_neither_on_the_order_nor_on_interruptions() {
     let near_edges = f64::from(u32::try_from(edges.pixels).unwrap()) / (2.0 * 40.0 * 32.0);
     assert!((0.01..0.5).contains(&near_edges) && edges.near.is_some() && edges.rest.is_some(), "{edges:?}");
     assert_eq!(seams.unwrap().size(), (120, 32));
+}
+
+#[test]
+fn a_trial_says_how_long_blocks_take() {
+    let (on, place) = (cpu(), tempfile::tempdir().unwrap());
+    let (folder, views) = prepared(&on, &place.path().join("out"));
+    let seconds = folder.expected_seconds(&on, &views, 0.1).block_on().unwrap();
+    assert!(seconds.len() == 4 && seconds.iter().all(|seconds| *seconds > 0.0 && seconds.is_finite()), "{seconds:?}");
+    let page = map_page(folder.plan(), views.train_cameras(), &seconds);
+    assert!(page.contains("All blocks, one after the other") && page.matches("<circle").count() == 12);
+    assert!(!map_page(folder.plan(), views.train_cameras(), &[]).contains("All blocks"));
+    let Views { train, .. } = &views;
+    let fewer = Views { train: train[1..].to_vec(), ..views.clone() };
+    assert!(folder.expected_seconds(&on, &fewer, 0.1).block_on().is_err());
 }
 
 #[test]

@@ -25,8 +25,8 @@ const WHOLE: f64 = 0.8;
 pub(super) struct Contribution {
     /// Share of the view's blending weights.
     pub(super) share: f64,
-    /// The pixels that the block contributes to, as shares of the view's sides: left, top, right and bottom; `None`
-    /// for the whole view.
+    /// A rectangle with nearly all of what the block contributes, as shares of the view's sides: left, top, right and
+    /// bottom; `None` for the whole view. Gaussians count as opaque discs, so that faint and long ones may reach beyond.
     pub(super) window: Option<[f32; 4]>,
 }
 
@@ -179,5 +179,32 @@ mod tests {
         lines.add(28.0 * Vec3::new(1.0, 12.0, 4.0));
         let window = lines.contribution(200.0).window_of(&camera);
         assert_eq!(window, Some(Window { left: 84, top: 4, width: 72, height: 72 }));
+    }
+
+    #[test]
+    fn a_drawing_gives_the_shares_and_windows_of_all_sets() {
+        // Opaque discs of 1,257 px, left and right of the middle of a view of 200 by 100 px.
+        let disc = |x: f32| gs_core::Gaussian3d {
+            mean: Vec3::new(x, 0.0, 100.0),
+            log_scale: Vec3::new(1.8, 1.8, -6.0),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 4.0,
+            sh: vec![Vec3::ZERO],
+        };
+        let scene: Scene3d = [disc(-50.0), disc(50.0), disc(50.0)].into_iter().collect();
+        let camera = Camera { focal: [100.0; 2].into(), ..Camera::looking_forward(200, 100, 1.0) };
+        let on = gs_cpu::CpuRasterizer::new(gs_cpu::CpuSettings::default()).unwrap();
+        let coarse = Coarse::new(&on, &scene, &crate::TrainSettings::default().render).unwrap();
+        let sets = |set: usize, index: usize| [index == 0, index > 0, true, false][set];
+        let found = pollster::block_on(coarse.contributions(4, sets, &[camera, camera])).unwrap();
+        let shares: Vec<f64> = found.iter().map(|of_views| of_views[0].share).collect();
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-4;
+        assert!(near(shares[0] + shares[1], 1.0) && near(shares[2], 1.0) && shares[3] == 0.0, "{shares:?}");
+        assert!(shares[1] > shares[0], "two discs cover more than one: {shares:?}");
+        let windows: Vec<_> = found.iter().map(|of_views| of_views[1].window_of(&camera)).collect();
+        let [Some(left), Some(right), None, _] = windows[..] else { panic!("{windows:?}") };
+        let middle = |window: Window| window.left + window.width / 2;
+        assert_eq!((middle(left), middle(right)), (50, 150));
+        assert!(left.width > 20 && left.width < 60 && left.height > 20 && left.height < 60, "{left:?}");
     }
 }

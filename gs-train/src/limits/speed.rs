@@ -222,6 +222,15 @@ impl Speed {
         })
     }
 
+    /// The speed of a training on other views of the same data set: one that starts from a scene of `first` Gaussians,
+    /// with `views` views, none of which has been read, of `pixels` times as many pixels as those of the trial.
+    #[must_use]
+    pub fn with_views(&self, first: usize, views: usize, pixels: f64) -> Self {
+        let scaled = |(factor, line): (&u32, &Line)| (*factor, Line { fixed: line.fixed * pixels, ..*line });
+        let step = self.step.iter().map(scaled).collect();
+        Self { step, first, unread: views, training_views: views, ..self.clone() }
+    }
+
     /// Seconds for rendering and measuring one view during a training, with as many Gaussians as these
     /// settings allow for the points of the trial. This is an upper estimate, which assumes that the
     /// time is proportional to the number of Gaussians.

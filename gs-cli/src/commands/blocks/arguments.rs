@@ -35,8 +35,10 @@ DIR then contains:
   map.svg           a map of the plan: cells, cameras and counts
   map.html          the map, with a table of the blocks: views, Gaussians, memory and time
   starts/, runs/, scenes/   what blocks begin with; records, claims and checkpoints; results
-  scene.ply         the Gaussians of all blocks; gs convert makes levels of detail and other formats of it
-  evaluation.json   its quality on the held-out views, by block, and near the edges of cells
+  scene.ply         the Gaussians of all blocks; gs convert makes other formats of it
+  lod/              its levels of detail, a streamed SOG, with gs blocks merge --lod
+  evaluation.json   its quality on the held-out views, by block, and near the edges of cells, if there is \
+memory for the whole scene
   seams.png         the held-out view that shows most of the edges: image, rendering and difference, which \
 is darker away from edges
 
@@ -206,8 +208,7 @@ pub(crate) struct MergeArgs {
     pub(crate) folder: FolderArgs,
     #[command(flatten)]
     pub(crate) data: DataArgs,
-    /// Also write levels of detail, a streamed SOG in DIR/lod, block by block, so that the scene is never in
-    /// memory as a whole
+    /// Also write levels of detail, a streamed SOG in DIR/lod, block by block
     #[arg(long, conflicts_with = "compare")]
     pub(crate) lod: bool,
     /// Evaluate another scene of the same place in the same way, and write nothing

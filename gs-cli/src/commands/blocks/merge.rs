@@ -1,8 +1,8 @@
 //! `gs blocks merge`: one scene of all blocks, and its quality.
 
 use gs_backend::FutureExt as _;
-use gs_core::{RenderSettings, Scene3d, counted, memory::amount};
-use gs_io::{Inputs, write_levels_of_parts_3d, write_parts_3d, write_png};
+use gs_core::{Scene as _, counted};
+use gs_io::{FolderClaim, Inputs, write_levels_of_parts_3d, write_parts_3d, write_png};
 use gs_lab::blocks::BlocksFolder;
 use gs_train::{
     blocks::{BlockQuality, BlocksEvaluation, evaluate},
@@ -16,14 +16,14 @@ use crate::{
         output_folder::{self, OutputFolder},
         scene,
     },
-    memory,
+    memory::{self, Need},
     terminal::output,
 };
 
 const SCENE: &str = "scene.ply";
 const EVALUATION: &str = "evaluation.json";
 const SEAMS: &str = "seams.png";
-const LOD: &str = "lod/lod-meta.json";
+const LOD: &str = "lod";
 
 /// Joins the blocks, or evaluates another scene.
 pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
@@ -41,8 +41,12 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
         let background = of_blocks.background_color();
         (file.trained_with.render_settings(file.scene.sh_degree, background), file.scene)
     });
+    // Also sets the number of threads.
+    let backend = args.backend.or_recorded(&folder.origin().machine).open()?;
     if compared.is_none() {
         let output = OutputFolder::begin(claim.clone())?;
+        // First, because levels that are in the way are refused.
+        levels(&folder, args.lod.then_some(&counts))?;
         output.leave_out([EVALUATION, SEAMS])?;
         let blocks = (0..counts.len()).map(|block| folder.result(block));
         write_parts_3d(output.file(SCENE), gaussians, &folder.write_options(), blocks)?;
@@ -52,27 +56,31 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
             counted(counts.len(), "block"),
             folder.path().join(SCENE).display()
         ));
-        if args.lod {
-            levels(&folder, &counts)?;
-        }
     }
     let views = views(&folder, &args.data)?;
     if views.test.is_empty() {
         output::note("note: no view is held out, so the scene is not evaluated");
         return Ok(());
     }
-    if let (Some(room), needed) = (memory::room(), memory::evaluating(gaussians, of_blocks.effects.sh_degree))
-        && needed > room
-    {
-        let (needed, room) = (amount(needed), amount(room));
-        output::note(format_args!(
-            "note: the scene is not evaluated, which takes about {needed} of memory: {room} are free"
-        ));
-        return Ok(());
+    let compared_size = compared.as_ref().map(|(_, scene)| (scene.len(), scene.sh_degree));
+    let need = Need {
+        what: "evaluating the scene".to_owned(),
+        bytes: memory::evaluating([(gaussians, of_blocks.effects.sh_degree)].into_iter().chain(compared_size)),
+        held: 0,
+        less: "do it on a larger machine",
+    };
+    match (need.check(), &compared) {
+        (Err(failure), None) => {
+            output::note(format_args!("note: there is no {EVALUATION}: {}", failure.message()));
+            return Ok(());
+        }
+        (checked, _) => checked?,
     }
     let merged = folder.merged()?;
     let (render, scene) = compared.as_ref().map_or((of_blocks, &merged), |(render, scene)| (*render, scene));
-    let report = report(args, &folder, (scene, &merged), &render, &views)?;
+    let views = Views { keep_bytes: 0, ..views }.cached();
+    let (on, plan) = (&backend.rasterizer, folder.plan());
+    let report = evaluate(on, plan, (scene, &merged), &views.test, &render).block_on()?;
     if compared.is_none() {
         let output = OutputFolder::begin(claim)?;
         output.write_json(EVALUATION, &report)?;
@@ -81,26 +89,24 @@ pub(super) fn run(args: &MergeArgs) -> Result<(), Failure> {
     output::result(table(&report))
 }
 
-/// Writes levels of detail: a tree for each block, and one above them.
-fn levels(folder: &BlocksFolder, counts: &[usize]) -> Result<(), Failure> {
-    let path = folder.path().join(LOD);
+/// Writes levels of detail of blocks with these numbers of Gaussians: a tree for each block, and one above them. Without
+/// numbers, removes the levels of an earlier merge.
+fn levels(folder: &BlocksFolder, counts: Option<&Vec<usize>>) -> Result<(), Failure> {
+    let (place, meta) = (folder.path().join(LOD), "lod-meta.json");
+    let path = place.join(meta);
+    let Some(counts) = counts else {
+        let claim = FolderClaim::new(&place, [meta.to_owned()]);
+        // What gs did not write stays.
+        if path.exists() && claim.check().is_ok() {
+            claim.begin()?.remove(meta)?;
+        }
+        return Ok(());
+    };
     let (degree, options) = (folder.plan().settings.render.effects.sh_degree, folder.write_options());
     let written = write_levels_of_parts_3d(&path, degree, counts, &options, |block| folder.result(block))?;
     written.losses.iter().for_each(|loss| output::note(format_args!("note: in {}: {loss}", path.display())));
     output::note(format_args!("levels of detail in {}", path.display()));
     Ok(())
-}
-
-fn report(
-    args: &MergeArgs,
-    folder: &BlocksFolder,
-    (scene, merged): (&Scene3d, &Scene3d),
-    render: &RenderSettings,
-    views: &Views,
-) -> Result<BlocksEvaluation, Failure> {
-    let views = Views { keep_bytes: 0, ..views.clone() }.cached();
-    let backend = args.backend.or_recorded(&folder.origin().machine).open()?;
-    Ok(evaluate(&backend.rasterizer, folder.plan(), (scene, merged), &views.test, render).block_on()?)
 }
 
 fn table(BlocksEvaluation { whole, blocks, edges, .. }: &BlocksEvaluation) -> String {

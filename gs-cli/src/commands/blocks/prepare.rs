@@ -108,12 +108,14 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()
     });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
-    let seconds = preparing.expected_seconds(&plan, &backend.rasterizer, &views, TRIAL).block_on();
-    let seconds = seconds.inspect_err(|_| preparing.abandon())?;
     output.write(MAP, map(&plan, views.train_cameras()))?;
-    output.write(PAGE, map_page(&plan, views.train_cameras(), &seconds))?;
     let folder = preparing.finish(origin, plan)?;
-    summary(&folder, model.scene.len(), views.train.len(), seconds.iter().sum())
+    let seconds = folder.expected_seconds(&backend.rasterizer, &views, TRIAL).block_on().unwrap_or_else(|error| {
+        output::note(format_args!("note: how long the blocks take is not known: a trial failed ({error})"));
+        Vec::new()
+    });
+    output.write(PAGE, map_page(folder.plan(), views.train_cameras(), &seconds))?;
+    summary(&folder, model.scene.len(), views.train.len(), &seconds)
 }
 
 /// The grid to try first, and the memory that a block may take, if the grid is to follow from it.
@@ -218,7 +220,7 @@ fn train_coarse(args: &PrepareArgs) -> Result<PathBuf, Failure> {
     Ok(folder)
 }
 
-fn summary(folder: &BlocksFolder, coarse: usize, views: usize, seconds: f64) -> Result<(), Failure> {
+fn summary(folder: &BlocksFolder, coarse: usize, views: usize, seconds: &[f64]) -> Result<(), Failure> {
     let plan = folder.plan();
     if let Some(first) = plan.unused.first() {
         let count = counted(plan.unused.len(), "view");
@@ -227,14 +229,17 @@ fn summary(folder: &BlocksFolder, coarse: usize, views: usize, seconds: f64) -> 
     let used: usize = plan.blocks.iter().map(|block| block.views.len()).sum();
     let most = plan.blocks.iter().map(|block| block.memory).max().unwrap_or_default();
     let path = folder.path();
+    let time = match seconds {
+        [] => String::new(),
+        _ => format!("; all blocks take about {}, one after the other", duration(seconds.iter().sum())),
+    };
     output::result(format_args!(
         "{} of {} and {views} views: each view is in {:.2} blocks on average, and a block takes at most about {} of \
-         memory; all of them take one process of this machine about {}; see {}; do them with gs blocks work {}",
+         memory{time}; see {}; do them with gs blocks work {}",
         counted(plan.blocks.len(), "block"),
         counted(coarse, "coarse Gaussian"),
         used as f64 / views as f64,
         amount(most),
-        duration(seconds),
         path.join(PAGE).display(),
         quoted(path)
     ))

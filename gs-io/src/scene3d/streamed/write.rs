@@ -49,8 +49,18 @@ pub(crate) fn encode(_: Format3d, path: &Path, scene: &Scene3d, options: &WriteO
 /// Writes a streamed SOG as [`write_3d`](crate::write_3d) does.
 pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     check_writable(path, scene)?;
+    range::check(path, Format3d::StreamedSog, scene, options)?;
+    if let Some(frame) = options.world() {
+        let scene = in_world(path, scene, &frame)?;
+        return write(path, &scene, &of_world(options));
+    }
     let mut part = |_| Ok(Cow::Borrowed(scene));
     write_all(path, Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part }, options)
+}
+
+/// The options for a scene that is in coordinates of its world.
+fn of_world(options: &WriteOptions3d) -> WriteOptions3d {
+    options.with(|s| s.trained_with.frame = crate::WorldFrame::WORLD)
 }
 
 /// Writes a scene that is never in memory as a whole as a streamed SOG: a tree of levels of detail for each of its
@@ -60,7 +70,8 @@ pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> R
 /// Needs memory for a part and some chunks.
 ///
 /// # Errors
-/// Those of [`write_3d`](crate::write_3d) and of `part`; [`Error::Write`] where a part has another number of Gaussians.
+/// Those of [`write_3d`](crate::write_3d) and of `part`; [`Error::Write`] where a part has another number of Gaussians or
+/// another SH degree.
 pub fn write_levels_of_parts_3d<E: From<Error>>(
     path: impl AsRef<Path>,
     sh_degree: u8,
@@ -75,8 +86,18 @@ pub fn write_levels_of_parts_3d<E: From<Error>>(
     if gaussians.iter().all(|gaussians| *gaussians == 0) {
         return Err(Error::empty(path).into());
     }
-    let mut part = |number| part(number).map(Cow::Owned);
-    write_all(path, Parts { sh_degree, gaussians, part: &mut part }, options)
+    let world = options.world();
+    // Refuses what no scene may have, before anything is written.
+    world.map(|frame| in_world(path, &Scene3d::default(), &frame)).transpose()?;
+    let mut part = |number| {
+        let part = part(number)?;
+        part.validate().map_err(Error::content(path))?;
+        range::check(path, Format3d::StreamedSog, &part, options)?;
+        let moved = world.map(|frame| in_world(path, &part, &frame)).transpose()?;
+        Ok(Cow::Owned(moved.unwrap_or(part)))
+    };
+    let options = world.map_or(*options, |_| of_world(options));
+    write_all(path, Parts { sh_degree, gaussians, part: &mut part }, &options)
 }
 
 /// Writes all chunks into a temporary folder, and when they are complete, into their places, `lod-meta.json` last.
@@ -135,11 +156,6 @@ fn encode_chunks<E: From<Error>>(
     options: &WriteOptions3d,
     sink: &mut Sink<'_>,
 ) -> Result<(Vec<u8>, Vec<ConversionLoss>), E> {
-    let world = options.world();
-    let of_files = match world {
-        Some(_) => options.with(|s| s.trained_with.frame = crate::WorldFrame::WORLD),
-        None => *options,
-    };
     let mut losses: Vec<ConversionLoss> = Vec::new();
     let mut leaves = Vec::with_capacity(plan.cells.len());
     let mut chunks: Vec<Scene3d> = vec![Scene3d::default(); plan.chunks.len()];
@@ -147,7 +163,7 @@ fn encode_chunks<E: From<Error>>(
         let name = &plan.chunks[file];
         let meta = format!("{name}/{}", sog::META);
         let Encoded3d { bytes, beside, written } =
-            sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), &of_files)?;
+            sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), options)?;
         if name.starts_with("0_") {
             ConversionLoss::merge(&mut losses, written.losses);
         }
@@ -161,15 +177,10 @@ fn encode_chunks<E: From<Error>>(
     let at_once = 2 * rayon::current_num_threads();
     for cells in plan.parts() {
         let Some(number) = cells.first().map(|cell| cell.part) else { continue };
-        let mut scene = (parts.part)(number)?;
+        let scene = (parts.part)(number)?;
         if scene.len() != parts.gaussians[number] || scene.sh_degree != parts.sh_degree {
-            let message = format!("part {} has changed while it was written", number + 1);
+            let message = format!("part {} has other Gaussians than was said", number + 1);
             return Err(Error::write(path, io::Error::other(message)).into());
-        }
-        scene.validate().map_err(Error::content(path))?;
-        range::check(path, Format3d::StreamedSog, &scene, options)?;
-        if let Some(frame) = &world {
-            scene = Cow::Owned(in_world(path, &scene, frame)?);
         }
         UnitRotations::new(&scene, path)?;
         let order = gs_density::spatial_order(&scene.means, CELL);
