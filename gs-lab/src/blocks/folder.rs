@@ -286,7 +286,7 @@ impl BlocksFolder {
     }
 
     /// Seconds that the training of each block is expected to take with this backend, by a trial of about `most_seconds`
-    /// on the block that takes most memory. `views` are those of the data set, at the size for the blocks.
+    /// on the block that takes most memory. `views` has all views of the data set, at the size for the blocks.
     ///
     /// # Errors
     /// Those of [`Self::start`], of reading images and of training.
