@@ -1,5 +1,5 @@
-//! gs-cpu: the conformance suite for 3D scenes at every SIMD level with 1, 2 and 7 threads, and
-//! drawn scenes compared with the oracle.
+//! gs-cpu: the conformance suite for 3D scenes at every SIMD level, and drawn scenes
+//! compared with the oracle.
 
 use gs_conformance::{
     conformance::{check_gradients, check_image, conformance_3d},
@@ -10,7 +10,7 @@ use gs_core::Parameterization;
 use gs_cpu::SimdLevel;
 use proptest::prelude::*;
 
-use super::cpu::{conforms_at_every_level_and_number_of_threads, levels, rasterizer};
+use super::cpu::{conforms_at_every_level, levels, rasterizer};
 
 fn assert_conforms(level: SimdLevel, threads: usize) {
     match conformance_3d(&rasterizer(level, threads)) {
@@ -19,7 +19,7 @@ fn assert_conforms(level: SimdLevel, threads: usize) {
     }
 }
 
-conforms_at_every_level_and_number_of_threads!(assert_conforms);
+conforms_at_every_level!(assert_conforms);
 
 proptest! {
     #![proptest_config(repeatable(300, 2026))]

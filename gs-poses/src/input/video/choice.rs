@@ -50,8 +50,8 @@ pub(super) struct Choice {
     pub(super) step: f64,
 }
 
-/// Chooses frames.
-pub(super) fn choose(frames: &[Frame]) -> Choice {
+/// Chooses at most so many frames.
+pub(super) fn choose(frames: &[Frame], most: usize) -> Choice {
     let textured: Vec<usize> = (0..frames.len()).filter(|frame| frames[*frame].small.is_textured()).collect();
     let sharpness: Vec<f64> = textured.iter().map(|frame| frames[*frame].sharpness).collect();
     let sharp = |at: &usize| {
@@ -68,12 +68,12 @@ pub(super) fn choose(frames: &[Frame]) -> Choice {
         step = (step * 0.7).max(STEPS[0]);
         chosen = intervals(frames, &usable, &shifts, step);
     }
-    while chosen.len() > MOST && step < STEPS[1] {
-        step = (step * (chosen.len() as f64 / MOST as f64).max(1.1)).min(STEPS[1]);
+    while chosen.len() > most && step < STEPS[1] {
+        step = (step * (chosen.len() as f64 / most as f64).max(1.1)).min(STEPS[1]);
         chosen = intervals(frames, &usable, &shifts, step);
     }
-    if chosen.len() > MOST {
-        chosen = (0..MOST).map(|at| chosen[at * chosen.len() / MOST]).collect();
+    if chosen.len() > most {
+        chosen = (0..most).map(|at| chosen[at * chosen.len() / most]).collect();
     }
     let (blurred, plain) = (textured.len() - usable.len(), frames.len() - textured.len());
     Choice { frames: chosen, blurred, plain, step }
@@ -123,7 +123,7 @@ mod tests {
         // Moves by 3 px a frame, stands still for 40 frames, and every third frame is blurred.
         let at = |i: i32| 3 * (i.min(80) + (i - 120).max(0));
         let frames: Vec<Frame> = (0..320).map(|i| frame(at(i), if i % 3 == 1 { 6 } else { 0 })).collect();
-        let choice = choose(&frames);
+        let choice = choose(&frames, MOST);
         assert_eq!((choice.step, choice.plain), (STEP, 0));
         assert!((100..=107).contains(&choice.blurred), "{choice:?}");
         assert!(choice.frames.iter().all(|frame| frame % 3 != 1), "{choice:?}");
@@ -136,30 +136,30 @@ mod tests {
     #[test]
     fn few_frames_are_closer_and_many_are_thinned() {
         let slow: Vec<Frame> = (0..40).map(|i| frame(4 * i, 0)).collect();
-        let choice = choose(&slow);
+        let choice = choose(&slow, MOST);
         assert!(choice.step < STEP && choice.frames.len() >= 10, "{choice:?}");
         let still: Vec<Frame> = (0..30).map(|_| frame(0, 0)).collect();
-        assert_eq!(choose(&still).frames, [0]);
+        assert_eq!(choose(&still, MOST).frames, [0]);
         // Along stripes, all places are alike.
         let stripes = |i: usize| {
             Frame::of(160, &(0..160 * 96).map(|at| ((at / 160 / 12 * 90 + i % 2) % 250) as u8).collect::<Vec<_>>())
         };
-        assert_eq!(choose(&(0..30).map(stripes).collect::<Vec<_>>()).frames, [0]);
+        assert_eq!(choose(&(0..30).map(stripes).collect::<Vec<_>>(), MOST).frames, [0]);
         // Nothing is found again from one to the next.
-        let fast: Vec<Frame> = (0..310).map(|i| frame(777 * i, 0)).collect();
-        let choice = choose(&fast);
-        assert!(choice.frames.len() == MOST && choice.frames.windows(2).all(|pair| pair[0] < pair[1]), "{choice:?}");
+        let fast: Vec<Frame> = (0..31).map(|i| frame(777 * i, 0)).collect();
+        let choice = choose(&fast, 30);
+        assert!(choice.frames.len() == 30 && choice.frames.windows(2).all(|pair| pair[0] < pair[1]), "{choice:?}");
     }
 
     #[test]
     fn frames_that_show_nothing_are_left_out() {
         let plain = || Frame::of(160, &[7; 160 * 96]);
         let frames: Vec<Frame> = (0..20).map(|i| if i < 5 { plain() } else { frame(20 * i, 0) }).collect();
-        let choice = choose(&frames);
+        let choice = choose(&frames, MOST);
         assert!(choice.plain == 5 && choice.frames[0] == 5 && choice.frames.len() > 10, "{choice:?}");
-        let nothing = choose(&[plain(), plain()]);
+        let nothing = choose(&[plain(), plain()], MOST);
         assert_eq!((nothing.frames.len(), nothing.plain), (0, 2));
-        assert!(choose(&[]).frames.is_empty());
-        assert_eq!(choose(&[Frame::of(3, &[0, 200, 0])]).plain, 1);
+        assert!(choose(&[], MOST).frames.is_empty());
+        assert_eq!(choose(&[Frame::of(3, &[0, 200, 0])], MOST).plain, 1);
     }
 }

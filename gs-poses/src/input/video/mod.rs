@@ -116,7 +116,7 @@ impl Video {
         // As ffmpeg is told it.
         let rate = ((rate * 1e4).round() / 1e4).max(1e-4);
         let (frames, complaint) = self.look(rate, observer)?;
-        let choice = choose(&frames);
+        let choice = choose(&frames, MOST);
         self.check(&choice, frames.len(), complaint.as_deref())?;
         if let Some(complaint) = complaint {
             observer.note(&format!("{}: parts of it cannot be read ({complaint})", self.path.display()));

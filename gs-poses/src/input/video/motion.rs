@@ -177,18 +177,21 @@ impl Block {
                 }
                 let place = (place.0 as usize, place.1 as usize);
                 let row = |small: &'_ Small, (x, y): (usize, usize), row: usize| (y + row) * small.width + x;
-                let sum: i32 = (0..BLOCK)
-                    .map(|at| {
-                        let from = &key.values[row(key, self.at, at)..][..BLOCK];
-                        let to = &frame.values[row(frame, place, at)..][..BLOCK];
-                        let differences =
-                            from.iter().zip(to).map(|(a, b)| (i32::from(*b) - i32::from(*a) - offset).abs());
-                        differences.sum::<i32>()
-                    })
-                    .sum();
-                let cost = sum + STEADY * ((x - expected.0).abs() + (y - expected.1).abs());
-                if best.is_none_or(|best| cost < best.0) {
-                    best = Some((cost, sum, (x, y)));
+                let steady = STEADY * ((x - expected.0).abs() + (y - expected.1).abs());
+                // A place is left as soon as it costs as much as the best one.
+                let limit = best.map_or(i32::MAX, |best| best.0) - steady;
+                let mut sum = 0;
+                for at in 0..BLOCK {
+                    let from = &key.values[row(key, self.at, at)..][..BLOCK];
+                    let to = &frame.values[row(frame, place, at)..][..BLOCK];
+                    let differences = from.iter().zip(to).map(|(a, b)| (i32::from(*b) - i32::from(*a) - offset).abs());
+                    sum += differences.sum::<i32>();
+                    if sum >= limit {
+                        break;
+                    }
+                }
+                if sum < limit {
+                    best = Some((sum + steady, sum, (x, y)));
                 }
             }
         }
