@@ -40,9 +40,7 @@ impl Threads {
 
     fn from_variable(asked: Option<usize>, variable: Option<&str>) -> Result<Self, Error> {
         if let Some(count) = asked {
-            if !(1..=MOST).contains(&count) {
-                return Err(Error::setting("threads", count, "1 to 1024"));
-            }
+            Error::within("threads", count, 1..=MOST, "1 to 1024")?;
             return Ok(Self { count, why: "threads as requested" });
         }
         let text = variable.unwrap_or_default();

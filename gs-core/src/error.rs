@@ -1,5 +1,7 @@
 //! Errors that a caller of gs-core, or of a backend, cannot foresee.
 
+use std::ops::RangeBounds;
+
 use thiserror::Error;
 
 /// An error of the engine: scenes, views, settings and backends. File formats have their own, in
@@ -107,5 +109,18 @@ impl Error {
     /// A setting outside its range; `allowed` completes "must be …".
     pub fn setting(what: &'static str, value: impl ToString, allowed: &'static str) -> Self {
         Self::Setting { what, value: value.to_string(), allowed }
+    }
+
+    /// Checks that a setting lies in its range, which `allowed` says in words. NaN lies in none.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn within<T: PartialOrd + ToString>(
+        what: &'static str,
+        value: T,
+        range: impl RangeBounds<T>,
+        allowed: &'static str,
+    ) -> Result<(), Self> {
+        if range.contains(&value) { Ok(()) } else { Err(Self::setting(what, value, allowed)) }
     }
 }

@@ -57,9 +57,7 @@ impl CpuRasterizer {
     /// [`Error::Setting`] for 0 threads or a SIMD level that this machine lacks, [`Error::Backend`]
     /// where threads cannot be started.
     pub fn new(settings: CpuSettings) -> Result<Self, Error> {
-        if settings.threads == Some(0) {
-            return Err(Error::setting("threads", 0, "at least 1"));
-        }
+        Error::within("threads", settings.threads.unwrap_or(1), 1.., "at least 1")?;
         let simd = settings.level.unwrap_or_else(SimdLevel::best);
         let Some(level) = simd.instructions() else {
             return Err(Error::setting("SIMD level", simd, "one that this machine has; see `SimdLevel::available`"));

@@ -54,14 +54,8 @@ impl CpuTuning {
     /// # Errors
     /// [`Error::Setting`] naming the first offender.
     pub fn validate(&self) -> Result<(), Error> {
-        if !(1..=256).contains(&self.recurrence_rows) {
-            return Err(Error::setting("recurrence-rows", self.recurrence_rows, "1 to 256"));
-        }
-        match self.tile_rows {
-            Some(rows) if !(8..=MOST_ROWS_OVER as u16).contains(&rows) => {
-                Err(Error::setting("tile-rows", rows, "8 to 64"))
-            }
-            _ => Ok(()),
-        }
+        Error::within("recurrence-rows", self.recurrence_rows, 1..=256, "1 to 256")?;
+        let rows = self.tile_rows;
+        rows.map_or(Ok(()), |rows| Error::within("tile-rows", rows, 8..=MOST_ROWS_OVER as u16, "8 to 64"))
     }
 }

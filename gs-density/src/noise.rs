@@ -57,10 +57,8 @@ impl Noise {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
     pub(crate) fn validate(&self) -> Result<(), Error> {
-        if !(self.strength >= 0.0 && self.strength.is_finite()) {
-            return Err(Error::setting("noise.strength", self.strength, "0 or more, and finite"));
-        }
-        if self.every == 0 { Err(Error::setting("noise.every", self.every, "at least 1")) } else { Ok(()) }
+        Error::within("noise.strength", self.strength, 0.0..=f32::MAX, "0 or more, and finite")?;
+        Error::within("noise.every", self.every, 1.., "at least 1")
     }
 }
 

@@ -104,12 +104,8 @@ impl LodNode {
     /// # Errors
     /// [`Error::Setting`] for a budget of 0 or an `error_px` that isn't at least 0.
     pub fn cut(&self, cameras: &[Camera], budget: usize, error_px: f32) -> Result<LodCut, Error> {
-        if budget == 0 {
-            return Err(Error::setting("the budget of Gaussians", budget, "at least 1"));
-        }
-        if !(error_px >= 0.0) {
-            return Err(Error::setting("the projected error", error_px, "at least 0 px"));
-        }
+        Error::within("the budget of Gaussians", budget, 1.., "at least 1")?;
+        Error::within("the projected error", error_px, 0.0.., "at least 0 px")?;
         let cells = self.cells();
         // The levels of each cell that may be chosen, the finest first; the last is chosen.
         let mut choices: Vec<Vec<Choice>> =

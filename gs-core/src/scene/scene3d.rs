@@ -146,9 +146,7 @@ impl Scene for Scene3d {
 
     fn check_lengths(&self) -> Result<(), Error> {
         let n = self.len();
-        if self.sh_degree > 3 {
-            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
-        }
+        Error::within("sh_degree", self.sh_degree, ..=3, "0 to 3")?;
         check_len("log_scales", n, self.log_scales.len())?;
         check_len("rotations", n, self.rotations.len())?;
         check_len("opacity_logits", n, self.opacity_logits.len())?;

@@ -58,10 +58,7 @@ impl Dropout {
     /// # Errors
     /// [`Error::Setting`] where it is out of range.
     pub(crate) fn validate(&self) -> Result<(), Error> {
-        match (0.0..=0.9).contains(&self.rate) {
-            true => Ok(()),
-            false => Err(Error::setting("dropout", self.rate, "0 to 0.9")),
-        }
+        Error::within("dropout", self.rate, 0.0..=0.9, "0 to 0.9")
     }
 }
 

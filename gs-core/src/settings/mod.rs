@@ -216,21 +216,11 @@ impl RenderSettings {
     /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         let a = &self.accuracy;
-        if !(1e-6..=0.5).contains(&a.alpha_cut) {
-            return Err(Error::setting("alpha-cut", a.alpha_cut, "1e-6 to 0.5"));
-        }
-        if !(1e-6..=0.9999).contains(&a.alpha_max) {
-            return Err(Error::setting("alpha-max", a.alpha_max, "1e-6 to 0.9999"));
-        }
-        if !(0.0..=0.5).contains(&a.transmittance_min) {
-            return Err(Error::setting("transmittance-min", a.transmittance_min, "0 to 0.5"));
-        }
-        if self.effects.sh_degree > 3 {
-            return Err(Error::setting("sh-degree", self.effects.sh_degree, "0 to 3"));
-        }
-        if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
-            return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
-        }
+        Error::within("alpha-cut", a.alpha_cut, 1e-6..=0.5, "1e-6 to 0.5")?;
+        Error::within("alpha-max", a.alpha_max, 1e-6..=0.9999, "1e-6 to 0.9999")?;
+        Error::within("transmittance-min", a.transmittance_min, 0.0..=0.5, "0 to 0.5")?;
+        Error::within("sh-degree", self.effects.sh_degree, ..=3, "0 to 3")?;
+        Error::within("full-depth", self.full_depth, 0.0..=f32::MAX, "0 or more, and finite")?;
         self.dropout.validate()?;
         if self.effects.blend == Blend::Sum && !self.dropout.is_none() {
             return Err(Error::setting(

@@ -275,10 +275,7 @@ impl AdamRates {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
-        let not_negative = |what, value: f32| {
-            let right = value >= 0.0 && value.is_finite();
-            if right { Ok(()) } else { Err(Error::setting(what, value, "finite and not negative")) }
-        };
+        let not_negative = |what, value| Error::within(what, value, 0.0..=f32::MAX, "finite and not negative");
         let groups = [
             ("the learning rate of means", self.mean),
             ("the learning rate of scales", self.scale),
@@ -290,21 +287,14 @@ impl AdamRates {
         for (what, rate) in groups {
             not_negative(what, rate.learning_rate)?;
             for (what, beta) in [("beta1 of Adam", rate.beta1), ("beta2 of Adam", rate.beta2)] {
-                if !(0.0..1.0).contains(&beta) {
-                    return Err(Error::setting(what, beta, "at least 0 and below 1"));
-                }
+                Error::within(what, beta, 0.0..1.0, "at least 0 and below 1")?;
             }
         }
         // A parameter that never had a gradient makes a step of 0/ε.
-        if !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
-            return Err(Error::setting("epsilon", self.epsilon, "finite and at least 1.2e-38"));
-        }
-        if !(self.min_scale >= 0.0 && self.min_scale < f32::INFINITY) {
-            return Err(Error::setting("min-scale", self.min_scale, "finite and not negative"));
-        }
-        if !(self.max_scale > 0.0 && self.max_scale >= self.min_scale) {
-            return Err(Error::setting("max-scale", self.max_scale, "positive and no less than min-scale"));
-        }
+        Error::within("epsilon", self.epsilon, f32::MIN_POSITIVE..=f32::MAX, "finite and at least 1.2e-38")?;
+        not_negative("min-scale", self.min_scale)?;
+        let least = self.min_scale.max(f32::MIN_POSITIVE);
+        Error::within("max-scale", self.max_scale, least.., "positive and no less than min-scale")?;
         not_negative("penalty on opacities", self.penalty.opacity)?;
         not_negative("penalty on scales", self.penalty.scale)
     }
@@ -318,9 +308,7 @@ impl Adam {
     pub fn validate(&self) -> Result<(), Error> {
         for group in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
             let (Schedule::Cosine { to } | Schedule::Exponential { to }) = group.schedule else { continue };
-            if !(to > 0.0 && to.is_finite()) {
-                return Err(Error::setting("the last factor of a schedule", to, "positive and finite"));
-            }
+            Error::within("the last factor of a schedule", to, f32::MIN_POSITIVE..=f32::MAX, "positive and finite")?;
         }
         self.at(0.0).validate()
     }

@@ -41,9 +41,7 @@ impl Loss {
     /// [`Error::Setting`] where λ is outside 0..=1.
     pub fn validate(&self) -> Result<(), Error> {
         match *self {
-            Self::L1Dssim { lambda } if !(0.0..=1.0).contains(&lambda) => {
-                Err(Error::setting("loss lambda", lambda, "0 to 1"))
-            }
+            Self::L1Dssim { lambda } => Error::within("loss lambda", lambda, 0.0..=1.0, "0 to 1"),
             _ => Ok(()),
         }
     }

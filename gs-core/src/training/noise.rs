@@ -37,10 +37,7 @@ impl MeanNoise {
     /// # Errors
     /// [`Error::Setting`] where it is not finite.
     pub fn validate(&self) -> Result<(), Error> {
-        match self.scale.is_finite() {
-            true => Ok(()),
-            false => Err(Error::setting("the scale of the noise", self.scale, "finite")),
-        }
+        Error::within("the scale of the noise", self.scale, f32::MIN..=f32::MAX, "finite")
     }
 
     /// η of Gaussian `index`; 2D scenes use the first two components.

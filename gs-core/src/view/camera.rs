@@ -129,10 +129,7 @@ impl Camera {
             return Err(Error::setting("camera intrinsics", self.focal, "finite, with positive focal lengths"));
         }
         // Distances that are not normal numbers have no inverse.
-        if !(self.near >= f32::MIN_POSITIVE && self.near.is_finite()) {
-            return Err(Error::setting("near plane", self.near, "finite and at least 1.2e-38"));
-        }
-        Ok(())
+        Error::within("near plane", self.near, f32::MIN_POSITIVE..=f32::MAX, "finite and at least 1.2e-38")
     }
 }
 

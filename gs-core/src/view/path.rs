@@ -198,12 +198,8 @@ impl CameraPath {
     }
 
     fn validate(&self) -> Result<(), Error> {
-        if !(1..=MOST_FRAMES).contains(&self.frames) {
-            return Err(Error::setting("the number of frames", self.frames, "1 to 100,000"));
-        }
-        if !(self.fov > 0.0 && self.fov < 180.0) {
-            return Err(Error::setting("the field of view", self.fov, "above 0 and below 180 degrees"));
-        }
+        Error::within("the number of frames", self.frames, 1..=MOST_FRAMES, "1 to 100,000")?;
+        Error::within("the field of view", self.fov, f32::MIN_POSITIVE..180.0, "above 0 and below 180 degrees")?;
         if self.keys.is_empty() {
             return Err(Error::setting("the number of keys", 0, "at least 1"));
         }

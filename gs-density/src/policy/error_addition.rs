@@ -102,22 +102,11 @@ impl ErrorAddition {
 
 impl Rule for ErrorAddition {
     fn validate(&self) -> Result<(), Error> {
-        if !(0.0..=1.0).contains(&self.start_fraction) {
-            return Err(Error::setting("start-fraction", self.start_fraction, "0 to 1"));
-        }
-        if self.additions == 0 {
-            return Err(Error::setting("additions", self.additions, "at least 1"));
-        }
-        if !(0.5..=8.0).contains(&self.exponent) {
-            return Err(Error::setting("exponent", self.exponent, "0.5 to 8"));
-        }
-        if !(self.sigma_px > 0.0 && self.sigma_px.is_finite()) {
-            return Err(Error::setting("sigma-px", self.sigma_px, "positive and finite"));
-        }
-        if !(self.opacity > 0.0 && self.opacity < 1.0) {
-            return Err(Error::setting("opacity", self.opacity, "above 0 and below 1"));
-        }
-        Ok(())
+        Error::within("start-fraction", self.start_fraction, 0.0..=1.0, "0 to 1")?;
+        Error::within("additions", self.additions, 1.., "at least 1")?;
+        Error::within("exponent", self.exponent, 0.5..=8.0, "0.5 to 8")?;
+        Error::within("sigma-px", self.sigma_px, f32::MIN_POSITIVE..=f32::MAX, "positive and finite")?;
+        Error::within("opacity", self.opacity, f32::MIN_POSITIVE..1.0, "above 0 and below 1")
     }
 }
 

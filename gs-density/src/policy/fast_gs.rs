@@ -156,9 +156,7 @@ impl ByEvidence for FastGs {
 
     fn check(&self) -> Result<(), Error> {
         for (what, value) in [("threshold", self.threshold), ("pixels", self.pixels)] {
-            if !(value >= 0.0) {
-                return Err(Error::setting(what, value, "0 or more"));
-            }
+            Error::within(what, value, 0.0.., "0 or more")?;
         }
         for (what, share) in [
             ("high-error", self.high_error),
@@ -166,17 +164,10 @@ impl ByEvidence for FastGs {
             ("final-opacity", self.final_opacity),
             ("final-score", self.final_score),
         ] {
-            if !(0.0..=1.0).contains(&share) {
-                return Err(Error::setting(what, share, "0 to 1"));
-            }
+            Error::within(what, share, 0.0..=1.0, "0 to 1")?;
         }
-        if !(self.opacity_ceiling > 0.0 && self.opacity_ceiling <= 1.0) {
-            return Err(Error::setting("opacity-ceiling", self.opacity_ceiling, "above 0 and at most 1"));
-        }
-        if self.final_every == 0 {
-            return Err(Error::setting("final-every", 0, "at least 1"));
-        }
-        Ok(())
+        Error::within("opacity-ceiling", self.opacity_ceiling, f32::MIN_POSITIVE..=1.0, "above 0 and at most 1")?;
+        Error::within("final-every", self.final_every, 1.., "at least 1")
     }
 
     fn aims_at_budget(&self) -> bool {

@@ -106,9 +106,7 @@ impl ByEvidence for ImprovedGs {
     const STATISTICS: Statistics = Statistics::AbsoluteGradient;
 
     fn check(&self) -> Result<(), Error> {
-        if !(self.threshold >= 0.0) {
-            return Err(Error::setting("threshold", self.threshold, "0 or more"));
-        }
+        Error::within("threshold", self.threshold, 0.0.., "0 or more")?;
         check_percent(self.recovery_percent)
     }
 

@@ -68,9 +68,7 @@ impl Mcmc {
 
 impl Rule for Mcmc {
     fn validate(&self) -> Result<(), Error> {
-        if !(0.0..1.0).contains(&self.dead_opacity) {
-            return Err(Error::setting("dead-opacity", self.dead_opacity, "0 or more, and below 1"));
-        }
+        Error::within("dead-opacity", self.dead_opacity, 0.0..1.0, "0 or more, and below 1")?;
         check_percent(self.percent)?;
         check_newcomers(self.newcomers)?;
         self.noise.validate()

@@ -116,12 +116,8 @@ impl ByEvidence for Mrnf {
     const STATISTICS: Statistics = Statistics::None;
 
     fn check(&self) -> Result<(), Error> {
-        if !(self.error >= 0.0) {
-            return Err(Error::setting("error", self.error, "0 or more"));
-        }
-        if !(0.0..=1.0).contains(&self.power) {
-            return Err(Error::setting("power", self.power, "0 to 1"));
-        }
+        Error::within("error", self.error, 0.0.., "0 or more")?;
+        Error::within("power", self.power, 0.0..=1.0, "0 to 1")?;
         check_percent(self.percent)
     }
 

@@ -95,42 +95,24 @@ impl Default for ResidualGrowth {
 
 impl Rule for ResidualGrowth {
     fn validate(&self) -> Result<(), Error> {
-        let positive = |what, value: f32| {
-            let fine = value > 0.0 && value.is_finite();
-            if fine { Ok(()) } else { Err(Error::setting(what, value, "positive and finite")) }
-        };
+        let positive = |what, value: f32| Error::within(what, value, f32::MIN_POSITIVE..=f32::MAX, "positive and finite");
         for (what, share) in [
             ("start-fraction", self.start_fraction),
             ("growth-fraction", self.growth_fraction),
             ("prune-growing", self.prune_growing),
             ("prune-relocating", self.prune_relocating),
         ] {
-            if !(0.0..=1.0).contains(&share) {
-                return Err(Error::setting(what, share, "0 to 1"));
-            }
+            Error::within(what, share, 0.0..=1.0, "0 to 1")?;
         }
-        if !(0.5..=8.0).contains(&self.exponent) {
-            return Err(Error::setting("exponent", self.exponent, "0.5 to 8"));
-        }
-        if self.smoothing_passes > 64 {
-            return Err(Error::setting("smoothing-passes", self.smoothing_passes, "0 to 64"));
-        }
+        Error::within("exponent", self.exponent, 0.5..=8.0, "0.5 to 8")?;
+        Error::within("smoothing-passes", self.smoothing_passes, ..=64, "0 to 64")?;
         positive("max-per-pixel", self.max_per_pixel)?;
         positive("sigma-factor", self.sigma_factor)?;
         positive("min-sigma-px", self.min_sigma_px)?;
-        if !(self.max_sigma_px >= self.min_sigma_px && self.max_sigma_px.is_finite()) {
-            return Err(Error::setting("max-sigma-px", self.max_sigma_px, "finite and at least min-sigma-px"));
-        }
-        if !(self.max_aspect >= 1.0 && self.max_aspect.is_finite()) {
-            return Err(Error::setting("max-aspect", self.max_aspect, "finite and at least 1"));
-        }
-        if !self.color_share.is_finite() {
-            return Err(Error::setting("color-share", self.color_share, "finite"));
-        }
-        if !(self.opacity > 0.0 && self.opacity < 1.0) {
-            return Err(Error::setting("opacity", self.opacity, "above 0 and below 1"));
-        }
-        Ok(())
+        Error::within("max-sigma-px", self.max_sigma_px, self.min_sigma_px..=f32::MAX, "finite, at least min-sigma-px")?;
+        Error::within("max-aspect", self.max_aspect, 1.0..=f32::MAX, "finite and at least 1")?;
+        Error::within("color-share", self.color_share, f32::MIN..=f32::MAX, "finite")?;
+        Error::within("opacity", self.opacity, f32::MIN_POSITIVE..1.0, "above 0 and below 1")
     }
 }
 

@@ -125,5 +125,5 @@ impl<S: DensityScene, P: ByEvidence> DensityPolicy<S> for P {
 
 /// Checks that `value` is a percentage.
 pub(crate) fn check_percent(value: f32) -> Result<(), Error> {
-    if (0.0..=100.0).contains(&value) { Ok(()) } else { Err(Error::setting("percent", value, "0 to 100")) }
+    Error::within("percent", value, 0.0..=100.0, "0 to 100")
 }

@@ -108,9 +108,7 @@ impl ByEvidence for SteepGs {
 
     fn check(&self) -> Result<(), Error> {
         for (what, value) in [("threshold", self.threshold), ("eigenvalue", self.eigenvalue), ("step", self.step)] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(Error::setting(what, value, "0 or more, and finite"));
-            }
+            Error::within(what, value, 0.0..=f32::MAX, "0 or more, and finite")?;
         }
         Ok(())
     }

@@ -132,9 +132,7 @@ impl ByEvidence for Taming {
             ("weights.blending", blending),
             ("weights.distance", distance),
         ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(Error::setting(what, value, "0 or more, and finite"));
-            }
+            Error::within(what, value, 0.0..=f32::MAX, "0 or more, and finite")?;
         }
         Ok(())
     }

@@ -79,17 +79,13 @@ impl LongAxisSplit {
     }
 
     fn validate(&self) -> Result<(), Error> {
-        if !(self.offset >= 0.0 && self.offset.is_finite()) {
-            return Err(Error::setting("long-axis-split.offset", self.offset, "0 or more, and finite"));
-        }
+        Error::within("long-axis-split.offset", self.offset, 0.0..=f32::MAX, "0 or more, and finite")?;
         for (what, factor) in [
             ("long-axis-split.length", self.length),
             ("long-axis-split.width", self.width),
             ("long-axis-split.opacity", self.opacity),
         ] {
-            if !(factor > 0.0 && factor <= 1.0) {
-                return Err(Error::setting(what, factor, "above 0 and at most 1"));
-            }
+            Error::within(what, factor, f32::MIN_POSITIVE..=1.0, "above 0 and at most 1")?;
         }
         Ok(())
     }
@@ -201,9 +197,7 @@ impl Densify {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
     pub(crate) fn validate(&self) -> Result<(), Error> {
-        if !(self.shrink >= 1.0 && self.shrink.is_finite()) {
-            return Err(Error::setting("densify.shrink", self.shrink, "at least 1 and finite"));
-        }
+        Error::within("densify.shrink", self.shrink, 1.0..=f32::MAX, "at least 1 and finite")?;
         if let SplitPlacement::LongAxisSplit(split) = &self.split_placement {
             split.validate()?;
         }

@@ -82,10 +82,7 @@ impl Actions {
         self.densify.validate()?;
         self.prune.validate()?;
         self.reset.validate()?;
-        if !(0.0..=1.0).contains(&self.growth_fraction) {
-            return Err(Error::setting("growth-fraction", self.growth_fraction, "0 to 1"));
-        }
-        Ok(())
+        Error::within("growth-fraction", self.growth_fraction, 0.0..=1.0, "0 to 1")
     }
 }
 

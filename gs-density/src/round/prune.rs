@@ -78,9 +78,7 @@ impl Prune {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
     pub(crate) fn validate(&self) -> Result<(), Error> {
-        if !(0.0..=1.0).contains(&self.opacity) {
-            return Err(Error::setting("prune.opacity", self.opacity, "0 to 1"));
-        }
+        Error::within("prune.opacity", self.opacity, 0.0..=1.0, "0 to 1")?;
         self.larger_than.map_or(Ok(()), |bound| bound.validate("prune.larger-than"))
     }
 }

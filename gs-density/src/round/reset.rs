@@ -55,9 +55,6 @@ impl OpacityReset {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
     pub(crate) fn validate(&self) -> Result<(), Error> {
-        if self.to > 0.0 && self.to <= 1.0 {
-            return Ok(());
-        }
-        Err(Error::setting("reset.to", self.to, "above 0 and at most 1"))
+        Error::within("reset.to", self.to, f32::MIN_POSITIVE..=1.0, "above 0 and at most 1")
     }
 }

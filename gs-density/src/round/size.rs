@@ -36,7 +36,7 @@ impl SizeThreshold {
     /// Checks that the threshold is positive.
     pub(crate) fn validate(self, what: &'static str) -> Result<(), Error> {
         let (Self::ExtentFraction(value) | Self::Pixels(value) | Self::WorldUnits(value)) = self;
-        if value > 0.0 { Ok(()) } else { Err(Error::setting(what, value, "positive")) }
+        Error::within(what, value, f32::MIN_POSITIVE.., "positive")
     }
 }
 

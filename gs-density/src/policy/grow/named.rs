@@ -108,12 +108,8 @@ pub(crate) fn name(grow: &Grow) -> &'static str {
 impl Rule for Grow {
     fn validate(&self) -> Result<(), Error> {
         check_percent(self.percent)?;
-        if !(self.threshold >= 0.0) {
-            return Err(Error::setting("threshold", self.threshold, "0 or more"));
-        }
-        if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
-            return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
-        }
+        Error::within("threshold", self.threshold, 0.0.., "0 or more")?;
+        Error::within("full-depth", self.full_depth, 0.0..=f32::MAX, "0 or more, and finite")?;
         self.actions.validate()
     }
 
