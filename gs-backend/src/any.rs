@@ -123,40 +123,29 @@ fn mismatch() -> Error {
     Error::State("splats, passes, gradients and targets of one backend are used with another".to_owned())
 }
 
-/// Runs `$work` if this rasterizer and all of `$value` are of one backend, and `$otherwise` if not.
+/// Runs `$work` if this rasterizer and all of `$value` are of one backend, and `$otherwise` if not,
+/// an error unless given. In `$work`, `$any` makes an [`AnyOf`] of a value of that backend.
 macro_rules! on {
-    ($self:ident as $on:ident, $($value:ident),+ => $work:expr, else $otherwise:expr) => {
-        match ($self, $($value),+) {
+    ($self:ident as $on:ident $(for $any:ident)?, $($value:ident),* => $work:expr) => {
+        on!($self as $on $(for $any)?, $($value),* => $work, else Err(mismatch()))
+    };
+    ($self:ident as $on:ident $(for $any:ident)?, $($value:ident),* => $work:expr, else $otherwise:expr) => {
+        match ($self, $($value),*) {
             #[cfg(feature = "cpu")]
-            (Self::Cpu($on), $(AnyOf::Cpu($value)),+) => {
+            (Self::Cpu($on), $(AnyOf::Cpu($value)),*) => {
                 let $on = $on.as_ref();
+                $(let $any = AnyOf::Cpu;)?
                 $work
             }
             #[cfg(feature = "wgpu")]
-            (Self::Wgpu($on), $(AnyOf::Wgpu($value)),+) => {
+            (Self::Wgpu($on), $(AnyOf::Wgpu($value)),*) => {
                 let $on = $on.as_ref();
+                $(let $any = AnyOf::Wgpu;)?
                 $work
             }
+            #[allow(unreachable_patterns)]
             _ => $otherwise,
         }
-    };
-}
-
-/// Wraps the result of either backend.
-macro_rules! made {
-    ($self:ident as $on:ident => $work:expr) => {
-        Ok(match $self {
-            #[cfg(feature = "cpu")]
-            Self::Cpu($on) => {
-                let $on = $on.as_ref();
-                AnyOf::Cpu($work?)
-            }
-            #[cfg(feature = "wgpu")]
-            Self::Wgpu($on) => {
-                let $on = $on.as_ref();
-                AnyOf::Wgpu($work?)
-            }
-        })
     };
 }
 
@@ -180,7 +169,7 @@ macro_rules! for_scene {
             type Target = AnyTarget<$scene>;
 
             fn upload(&self, scene: &$scene, parameterization: Parameterization) -> Result<Self::Splats, Error> {
-                made!(self as on => on.upload(scene, parameterization))
+                on!(self as on for any, => on.upload(scene, parameterization).map(any))
             }
 
             async fn forward(
@@ -189,17 +178,11 @@ macro_rules! for_scene {
                 view: &<$scene as Scene>::View,
                 settings: &RenderSettings,
             ) -> Result<Self::ForwardPass, Error> {
-                match (self, splats) {
-                    #[cfg(feature = "cpu")]
-                    (Self::Cpu(on), AnyOf::Cpu(splats)) => on.forward(splats, view, settings).await.map(AnyOf::Cpu),
-                    #[cfg(feature = "wgpu")]
-                    (Self::Wgpu(on), AnyOf::Wgpu(splats)) => on.forward(splats, view, settings).await.map(AnyOf::Wgpu),
-                    _ => Err(mismatch()),
-                }
+                on!(self as on for any, splats => on.forward(splats, view, settings).await.map(any))
             }
 
             async fn image(&self, pass: &Self::ForwardPass) -> Result<Image, Error> {
-                on!(self as on, pass => Rasterizer::<$scene>::image(on, pass).await, else Err(mismatch()))
+                on!(self as on, pass => Rasterizer::<$scene>::image(on, pass).await)
             }
 
             /// Counts the culled Gaussians; all counts are 0 for a pass of another backend.
@@ -208,7 +191,7 @@ macro_rules! for_scene {
             }
 
             fn upload_target<'a>(&self, target: impl Into<TargetImage<'a>>) -> Result<Self::Target, Error> {
-                made!(self as on => Rasterizer::<$scene>::upload_target(on, target))
+                on!(self as on for any, => Rasterizer::<$scene>::upload_target(on, target).map(any))
             }
 
             async fn backward(
@@ -218,19 +201,10 @@ macro_rules! for_scene {
                 target: &Self::Target,
                 loss: &Loss,
             ) -> Result<(f32, Self::Gradients), Error> {
-                match (self, splats, pass, target) {
-                    #[cfg(feature = "cpu")]
-                    (Self::Cpu(on), AnyOf::Cpu(splats), AnyOf::Cpu(pass), AnyOf::Cpu(target)) => {
-                        let found = Rasterizer::<$scene>::backward(on.as_ref(), splats, pass, target, loss).await;
-                        found.map(|(loss, gradients)| (loss, AnyOf::Cpu(gradients)))
-                    }
-                    #[cfg(feature = "wgpu")]
-                    (Self::Wgpu(on), AnyOf::Wgpu(splats), AnyOf::Wgpu(pass), AnyOf::Wgpu(target)) => {
-                        let found = Rasterizer::<$scene>::backward(on.as_ref(), splats, pass, target, loss).await;
-                        found.map(|(loss, gradients)| (loss, AnyOf::Wgpu(gradients)))
-                    }
-                    _ => Err(mismatch()),
-                }
+                on!(self as on for any, splats, pass, target => {
+                    let found = Rasterizer::<$scene>::backward(on, splats, pass, target, loss).await;
+                    found.map(|(loss, gradients)| (loss, any(gradients)))
+                })
             }
 
             async fn loss(
@@ -242,7 +216,7 @@ macro_rules! for_scene {
             ) -> Result<f32, Error> {
                 on!(self as on, splats, pass, target => {
                     Rasterizer::<$scene>::loss(on, splats, pass, target, loss).await
-                }, else Err(mismatch()))
+                })
             }
 
             async fn image_vjp(
@@ -251,31 +225,21 @@ macro_rules! for_scene {
                 pass: Self::ForwardPass,
                 v_image: &Image,
             ) -> Result<Self::Gradients, Error> {
-                match (self, splats, pass) {
-                    #[cfg(feature = "cpu")]
-                    (Self::Cpu(on), AnyOf::Cpu(splats), AnyOf::Cpu(pass)) => {
-                        Rasterizer::<$scene>::image_vjp(on.as_ref(), splats, pass, v_image).await.map(AnyOf::Cpu)
-                    }
-                    #[cfg(feature = "wgpu")]
-                    (Self::Wgpu(on), AnyOf::Wgpu(splats), AnyOf::Wgpu(pass)) => {
-                        Rasterizer::<$scene>::image_vjp(on.as_ref(), splats, pass, v_image).await.map(AnyOf::Wgpu)
-                    }
-                    _ => Err(mismatch()),
-                }
+                on!(self as on for any, splats, pass => {
+                    Rasterizer::<$scene>::image_vjp(on, splats, pass, v_image).await.map(any)
+                })
             }
 
             async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<$scene, Error> {
-                on!(self as on, splats, gradients => on.gradients(splats, gradients).await, else Err(mismatch()))
+                on!(self as on, splats, gradients => on.gradients(splats, gradients).await)
             }
 
             async fn camera_gradient(&self, gradients: &Self::Gradients) -> Result<CameraGradient, Error> {
-                on!(self as on, gradients => {
-                    Rasterizer::<$scene>::camera_gradient(on, gradients).await
-                }, else Err(mismatch()))
+                on!(self as on, gradients => Rasterizer::<$scene>::camera_gradient(on, gradients).await)
             }
 
             async fn download(&self, splats: &Self::Splats) -> Result<$scene, Error> {
-                on!(self as on, splats => on.download(splats).await, else Err(mismatch()))
+                on!(self as on, splats => on.download(splats).await)
             }
 
             /// 0 for splats of another backend.
@@ -289,9 +253,7 @@ macro_rules! for_scene {
                 view: &<$scene as Scene>::View,
                 settings: &RenderSettings,
             ) -> Result<(Image, Culled), Error> {
-                on!(self as on, splats => {
-                    Rasterizer::<$scene>::draw(on, splats, view, settings).await
-                }, else Err(mismatch()))
+                on!(self as on, splats => Rasterizer::<$scene>::draw(on, splats, view, settings).await)
             }
         }
 
@@ -307,18 +269,16 @@ macro_rules! for_scene {
                 let Some(Added { gradients, weight }) = added else {
                     return on!(self as on, splats, target => {
                         Optimizer::<$scene>::train_step(on, splats, view, target, step).await
-                    }, else Err(mismatch()));
+                    });
                 };
                 on!(self as on, splats, target, gradients => {
                     let added = Some(Added { gradients, weight });
                     Optimizer::<$scene>::train_step_with(on, splats, view, target, step, added).await
-                }, else Err(mismatch()))
+                })
             }
 
             async fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
-                on!(self as on, splats => {
-                    Optimizer::<$scene>::losses(on, splats, wait, losses).await
-                }, else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::losses(on, splats, wait, losses).await)
             }
 
             async fn camera_gradients(
@@ -327,9 +287,7 @@ macro_rules! for_scene {
                 wait: Wait,
                 gradients: &mut Vec<CameraGradient>,
             ) -> Result<(), Error> {
-                on!(self as on, splats => {
-                    Optimizer::<$scene>::camera_gradients(on, splats, wait, gradients).await
-                }, else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::camera_gradients(on, splats, wait, gradients).await)
             }
 
             async fn step(
@@ -338,13 +296,11 @@ macro_rules! for_scene {
                 gradients: &Self::Gradients,
                 rates: &AdamRates,
             ) -> Result<(), Error> {
-                on!(self as on, splats, gradients => {
-                    Optimizer::<$scene>::step(on, splats, gradients, rates).await
-                }, else Err(mismatch()))
+                on!(self as on, splats, gradients => Optimizer::<$scene>::step(on, splats, gradients, rates).await)
             }
 
             async fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error> {
-                on!(self as on, splats => Optimizer::<$scene>::statistics(on, splats).await, else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::statistics(on, splats).await)
             }
 
             async fn edit(
@@ -352,11 +308,11 @@ macro_rules! for_scene {
                 splats: &mut Self::Splats,
                 plan: &EditPlan<<$scene as Scene>::Gaussian>,
             ) -> Result<(), Error> {
-                on!(self as on, splats => Optimizer::<$scene>::edit(on, splats, plan).await, else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::edit(on, splats, plan).await)
             }
 
             fn add_noise(&self, splats: &mut Self::Splats, noise: &MeanNoise) -> Result<(), Error> {
-                on!(self as on, splats => Optimizer::<$scene>::add_noise(on, splats, noise), else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::add_noise(on, splats, noise))
             }
 
             async fn solve_colors(
@@ -369,19 +325,19 @@ macro_rules! for_scene {
             ) -> Result<(), Error> {
                 on!(self as on, splats, target => {
                     Optimizer::<$scene>::solve_colors(on, splats, view, target, settings, iterations).await
-                }, else Err(mismatch()))
+                })
             }
 
             async fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error> {
-                on!(self as on, splats => Optimizer::<$scene>::save(on, splats).await, else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::save(on, splats).await)
             }
 
             async fn saved<'s>(&self, splats: &'s Self::Splats) -> Result<SavedState<'s>, Error> {
-                on!(self as on, splats => Optimizer::<$scene>::saved(on, splats).await, else Err(mismatch()))
+                on!(self as on, splats => Optimizer::<$scene>::saved(on, splats).await)
             }
 
             fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error> {
-                made!(self as on => Optimizer::<$scene>::restore(on, state))
+                on!(self as on for any, => Optimizer::<$scene>::restore(on, state).map(any))
             }
         }
 
@@ -397,7 +353,7 @@ macro_rules! for_scene {
             ) -> Result<Profile, Error> {
                 on!(self as on, splats, target => {
                     Profiler::<$scene>::profile(on, splats, view, target, settings, loss, repetitions).await
-                }, else Err(mismatch()))
+                })
             }
         }
     };
