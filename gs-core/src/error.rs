@@ -111,6 +111,11 @@ impl Error {
         Self::Setting { what, value: value.to_string(), allowed }
     }
 
+    /// An effect that a backend does not offer.
+    pub fn unsupported(backend: &'static str, effect: impl Into<String>) -> Self {
+        Self::Unsupported { backend, effect: effect.into() }
+    }
+
     /// Checks that a setting lies in its range, which `allowed` says in words. NaN lies in none.
     ///
     /// # Errors

@@ -33,7 +33,7 @@ pub use crate::{
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,
-    image::{Image, TargetImage, check_size, rounded_to_8_bits, to_8_bits},
+    image::{Image, TargetImage, check_same_size, check_size, rounded_to_8_bits, to_8_bits},
     rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{
         Bounds, Gaussian2d, Gaussian3d, LodCut, LodLevel, LodNode, Region, Scene, Scene2d, Scene3d, logit, sigmoid,

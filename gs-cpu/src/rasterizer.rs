@@ -9,7 +9,7 @@ use std::{fmt, sync::PoisonError};
 use gs_core::{
     AdamRates, Added, Backend, Binning, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss,
     MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, Scene3d, SplatsState,
-    TargetImage, TrainStep, Wait, counted, profile::Profiler,
+    TargetImage, TrainStep, Wait, check_same_size, counted, profile::Profiler,
 };
 
 use crate::{
@@ -219,10 +219,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         v_image: &Image,
     ) -> Result<Gradients<S>, Error> {
         let workspace = pass.workspace_mut();
-        let ((left_width, left_height), (right_width, right_height)) = (workspace.tiles.grid.size(), v_image.size());
-        if (left_width, left_height) != (right_width, right_height) {
-            return Err(Error::SizesDiffer { left_width, left_height, right_width, right_height });
-        }
+        check_same_size(workspace.tiles.grid.size(), v_image.size())?;
         v_image.check_finite("the gradient of an image")?;
         check_version::<S>(workspace, splats)?;
         self.install(|| {

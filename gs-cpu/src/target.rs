@@ -2,13 +2,13 @@
 
 use std::{ops::Range, sync::OnceLock};
 
-use gs_core::{Error, Loss, TargetImage, math, memory, to_8_bits};
+use gs_core::{Error, Loss, TargetImage, check_same_size, math, memory, to_8_bits};
 use rayon::prelude::*;
 
 use crate::{
     lanes::LANES,
     layout::{Grid, Row, ScalarRow},
-    unsupported::unsupported,
+    unsupported::BACKEND,
 };
 
 /// [`Row`] in 8 bits.
@@ -83,24 +83,12 @@ impl Target {
     /// Fails where the loss cannot be computed, or where the target's weights cannot be factors of
     /// it.
     pub(crate) fn check_loss(&self, loss: Loss) -> Result<(), Error> {
-        loss.validate()?;
-        if !self.weights.is_empty() && !loss.is_pointwise() {
-            return Err(unsupported(format!("weights of pixels under loss `{loss}`")));
-        }
-        Ok(())
+        loss.check_weights(BACKEND, !self.weights.is_empty())
     }
 
     /// Fails unless the target has this size.
-    pub(crate) fn check_size(&self, (width, height): (u32, u32)) -> Result<(), Error> {
-        if (self.width, self.height) == (width, height) {
-            return Ok(());
-        }
-        Err(Error::SizesDiffer {
-            left_width: width,
-            left_height: height,
-            right_width: self.width,
-            right_height: self.height,
-        })
+    pub(crate) fn check_size(&self, size: (u32, u32)) -> Result<(), Error> {
+        check_same_size(size, (self.width, self.height))
     }
 }
 

@@ -255,12 +255,7 @@ impl<V: OracleView> Oracle<V> {
     }
 
     fn check_target(&self, target: &Image) -> Result<(), Error> {
-        let (left_width, left_height) = self.view.size();
-        let (right_width, right_height) = target.size();
-        if (left_width, left_height) == (right_width, right_height) {
-            return Ok(());
-        }
-        Err(Error::SizesDiffer { left_width, left_height, right_width, right_height })
+        check_same_size(self.view.size(), target.size())
     }
 
     fn blend(&self, scene: &OracleScene, lean: Lean) -> Vec<Pixel> {

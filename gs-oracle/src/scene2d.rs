@@ -53,10 +53,10 @@ impl OracleView for Canvas {
         self.validate()?;
         let effects = settings.effects;
         if effects.order != Order::Index {
-            return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
+            return Err(Error::unsupported("oracle", format!("{effects:?}")));
         }
         if !settings.dropout.is_none() {
-            return Err(Error::Unsupported { backend: "oracle", effect: "dropout in a 2D scene".to_owned() });
+            return Err(Error::unsupported("oracle", "dropout in a 2D scene"));
         }
         Ok(())
     }

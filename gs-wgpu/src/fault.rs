@@ -12,6 +12,11 @@ pub(crate) fn backend_error(message: impl Into<String>) -> Error {
     Error::Backend { backend: BACKEND, message: message.into() }
 }
 
+/// An error for an effect that this backend does not offer.
+pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
+    Error::unsupported(BACKEND, effect)
+}
+
 /// The first error of a device.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Faults(Arc<Mutex<Option<String>>>);

@@ -12,7 +12,7 @@ use crate::{
     layout::Step,
     splats::{Edit, Splats},
     target::Target,
-    unsupported::unsupported,
+    fault::unsupported,
     workspace::{Pool, Pools, Workspace},
 };
 

@@ -48,7 +48,6 @@ mod splats;
 mod target;
 mod tiles;
 mod timestamps;
-mod unsupported;
 mod workspace;
 
 use gs_core::{Scene2d, Scene3d};

@@ -5,7 +5,7 @@ use std::sync::{Arc, PoisonError};
 use gs_core::{
     AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
     Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep,
-    Wait, profile::Profiler,
+    Wait, check_same_size, profile::Profiler,
 };
 
 use crate::{
@@ -21,7 +21,7 @@ use crate::{
     shaders::Kernels,
     splats::Splats,
     target::Target,
-    unsupported::unsupported,
+    fault::unsupported,
     workspace::{Pools, Workspace},
 };
 
@@ -218,11 +218,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         pass: ForwardPass<S>,
         v_image: &Image,
     ) -> Result<Gradients<S>, Error> {
-        let [left_width, left_height] = pass.workspace().tiles.size;
-        let (right_width, right_height) = v_image.size();
-        if (left_width, left_height) != (right_width, right_height) {
-            return Err(Error::SizesDiffer { left_width, left_height, right_width, right_height });
-        }
+        check_same_size(pass.workspace().tiles.size.into(), v_image.size())?;
         v_image.check_finite("the gradient of an image")?;
         let encode = |workspace: &mut Workspace<S>, commands: &mut Commands| {
             workspace.tiles.write_v_image(&self.gpu, v_image)?;

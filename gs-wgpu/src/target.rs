@@ -1,8 +1,8 @@
 //! The image that a loss compares with, on the device.
 
-use gs_core::{Error, Loss, TargetImage, to_8_bits};
+use gs_core::{Error, Loss, TargetImage, check_same_size, to_8_bits};
 
-use crate::{gpu::Gpu, unsupported::unsupported};
+use crate::{fault::BACKEND, gpu::Gpu};
 
 /// An image that a loss compares with, row by row: four bytes a pixel where it is compact and of 8 bits, or
 /// else one `vec4f`.
@@ -53,24 +53,12 @@ impl Target {
     /// Fails where the loss cannot be computed, or where the target's weights cannot be factors of
     /// it.
     pub(crate) fn check_loss(&self, loss: Loss) -> Result<(), Error> {
-        loss.validate()?;
-        if self.weights.is_some() && !loss.is_pointwise() {
-            return Err(unsupported(format!("weights of pixels under loss `{loss}`")));
-        }
-        Ok(())
+        loss.check_weights(BACKEND, self.weights.is_some())
     }
 
     /// Fails unless the target has this size.
-    pub(crate) fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), Error> {
-        if (self.width, self.height) == (width, height) {
-            return Ok(());
-        }
-        Err(Error::SizesDiffer {
-            left_width: width,
-            left_height: height,
-            right_width: self.width,
-            right_height: self.height,
-        })
+    pub(crate) fn check_size(&self, size: [u32; 2]) -> Result<(), Error> {
+        check_same_size(size.into(), (self.width, self.height))
     }
 }
 

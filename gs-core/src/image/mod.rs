@@ -148,15 +148,7 @@ impl Image {
     /// # Errors
     /// [`Error::SizesDiffer`] with both sizes.
     pub fn same_size(&self, other: &Self) -> Result<(), Error> {
-        if self.size() == other.size() {
-            return Ok(());
-        }
-        Err(Error::SizesDiffer {
-            left_width: self.width,
-            left_height: self.height,
-            right_width: other.width,
-            right_height: other.height,
-        })
+        check_same_size(self.size(), other.size())
     }
 }
 
@@ -176,6 +168,16 @@ pub fn to_8_bits(value: f32) -> u8 {
 #[inline]
 pub fn rounded_to_8_bits(value: f32) -> f32 {
     f32::from(to_8_bits(value)) / 255.0
+}
+
+/// Checks that two sizes, columns and rows, are the same.
+///
+/// # Errors
+/// [`Error::SizesDiffer`] with both sizes.
+pub fn check_same_size(left: (u32, u32), right: (u32, u32)) -> Result<(), Error> {
+    let ((left_width, left_height), (right_width, right_height)) = (left, right);
+    let differ = Error::SizesDiffer { left_width, left_height, right_width, right_height };
+    if left == right { Ok(()) } else { Err(differ) }
 }
 
 /// Checks the size of an image: both sides must be 1 to [`MAX_SIDE_PX`].

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
-    effects::{Background, Blend, Effects},
+    effects::{Background, Blend, Effects, Order},
     error::Error,
 };
 
@@ -233,6 +233,35 @@ impl RenderSettings {
             return Err(Error::setting("background", format!("{:?}", self.background), "finite"));
         }
         Ok(())
+    }
+
+    /// [`Self::validate`] for a backend that offers all but the smooth cut.
+    ///
+    /// # Errors
+    /// Those of [`Self::validate`]; [`Error::Unsupported`].
+    pub fn check_for(&self, backend: &'static str) -> Result<(), Error> {
+        self.validate()?;
+        match self.accuracy.cut {
+            Cut::Hard => Ok(()),
+            Cut::Smooth => Err(Error::unsupported(backend, "a smooth cut, which would touch every pixel")),
+        }
+    }
+
+    /// [`Self::check_for`] for 2D scenes, which have neither depth nor camera.
+    ///
+    /// # Errors
+    /// Those of [`Self::check_for`].
+    pub fn check_for_2d(&self, backend: &'static str) -> Result<(), Error> {
+        self.check_for(backend)?;
+        let (order, output) = (self.effects.order, self.output);
+        let effect = match () {
+            () if order != Order::Index => format!("order {order:?} of a 2D scene, which has no depth"),
+            () if !output.is_color() => format!("output \"{}\" of a 2D scene, which shows colours only", output.name()),
+            () if !self.dropout.is_none() => "dropout in a 2D scene".to_owned(),
+            () if self.camera_gradient => "the gradient by the camera of a 2D scene, which has no camera".to_owned(),
+            () => return Ok(()),
+        };
+        Err(Error::unsupported(backend, effect))
     }
 }
 

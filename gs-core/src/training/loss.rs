@@ -45,6 +45,19 @@ impl Loss {
             _ => Ok(()),
         }
     }
+
+    /// [`Self::validate`] for a backend that weights pixels in pointwise losses only, and a target with
+    /// weights or without.
+    ///
+    /// # Errors
+    /// Those of [`Self::validate`]; [`Error::Unsupported`].
+    pub fn check_weights(&self, backend: &'static str, weighted: bool) -> Result<(), Error> {
+        self.validate()?;
+        match weighted && !self.is_pointwise() {
+            true => Err(Error::unsupported(backend, format!("weights of pixels under loss `{self}`"))),
+            false => Ok(()),
+        }
+    }
 }
 
 impl fmt::Display for Loss {

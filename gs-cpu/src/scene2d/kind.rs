@@ -1,6 +1,6 @@
 //! [`Kind`] for 2D scenes, and the order in which tiles see their Gaussians.
 
-use gs_core::{AdamRates, Binning, Blend, Canvas, Error, Output, Penalty, RenderSettings, Scene2d, effects::Order};
+use gs_core::{AdamRates, Binning, Blend, Canvas, Error, Penalty, RenderSettings, Scene2d};
 
 use super::{
     adam,
@@ -14,7 +14,7 @@ use crate::{
     level::Level,
     stage::Stage,
     target::Target,
-    unsupported::{check_settings, unsupported},
+    unsupported::{BACKEND, unsupported},
     workspace::Workspace,
 };
 
@@ -36,23 +36,7 @@ impl Kind for Scene2d {
 
     fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
         view.validate()?;
-        check_settings(settings)?;
-        if settings.camera_gradient {
-            return Err(unsupported("the gradient by the camera of a 2D scene, which has no camera"));
-        }
-        if settings.output != Output::Color {
-            return Err(unsupported(format!(
-                "output \"{}\" of a 2D scene, which shows colours only",
-                settings.output.name()
-            )));
-        }
-        if !settings.dropout.is_none() {
-            return Err(unsupported("dropout in a 2D scene"));
-        }
-        match settings.effects.order {
-            Order::Index => Ok(()),
-            order => Err(unsupported(format!("order {order:?} of a 2D scene, which has no depth"))),
-        }
+        settings.check_for_2d(BACKEND)
     }
 
     fn size(view: &Canvas) -> (u32, u32) {

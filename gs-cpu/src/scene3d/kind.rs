@@ -17,7 +17,7 @@ use crate::{
     kind::{AllResources, Kind, Resources},
     level::Level,
     stage::Stage,
-    unsupported::check_settings,
+    unsupported::BACKEND,
     workspace::Workspace,
 };
 
@@ -32,7 +32,7 @@ impl Kind for Scene3d {
 
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
-        check_settings(settings)
+        settings.check_for(BACKEND)
     }
 
     fn size(camera: &Camera) -> (u32, u32) {

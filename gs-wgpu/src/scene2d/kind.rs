@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    AdamRates, Blend, Canvas, Error, Output, Parameterization, Penalty, RenderSettings, Scene2d, effects::Order,
+    AdamRates, Blend, Canvas, Error, Parameterization, Penalty, RenderSettings, Scene2d,
     math::whitened::WhitenedGradient,
 };
 
@@ -18,7 +18,7 @@ use crate::{
     splats::Splats,
     target::Target,
     tiles::{Growing, groups_of},
-    unsupported::{check_settings, unsupported},
+    fault::{BACKEND, unsupported},
     workspace::{Pool, Pools, Workspace},
 };
 
@@ -41,24 +41,7 @@ impl Kind for Scene2d {
 
     fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
         view.validate()?;
-        check_settings(settings)?;
-        let effects = &settings.effects;
-        if effects.order != Order::Index {
-            return Err(unsupported(format!("order {:?} of a 2D scene, which has no depth", effects.order)));
-        }
-        if settings.output != Output::Color {
-            return Err(unsupported(format!(
-                "output \"{}\" of a 2D scene, which shows colours only",
-                settings.output.name()
-            )));
-        }
-        if !settings.dropout.is_none() {
-            return Err(unsupported("dropout in a 2D scene"));
-        }
-        if settings.camera_gradient {
-            return Err(unsupported("the gradient by the camera in a 2D scene, which has no camera"));
-        }
-        Ok(())
+        settings.check_for_2d(BACKEND)
     }
 
     fn check_rates(rates: &AdamRates) -> Result<(), Error> {

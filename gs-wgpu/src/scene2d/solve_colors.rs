@@ -12,7 +12,7 @@ use crate::{
     splats::Splats,
     target::Target,
     tiles::groups_of,
-    unsupported::unsupported,
+    fault::unsupported,
     workspace::{Pools, Workspace},
 };
 

@@ -11,12 +11,12 @@ use super::{
 };
 use crate::{
     dispatch::Commands,
+    fault::BACKEND,
     gpu::Gpu,
     kind::{Kind, State as _},
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
     splats::Splats,
     tiles::DEPTH_BYTES,
-    unsupported::check_settings,
     workspace::{Pool, Pools, Workspace},
 };
 
@@ -28,7 +28,7 @@ impl Kind for Scene3d {
 
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
-        check_settings(settings)
+        settings.check_for(BACKEND)
     }
 
     fn size(camera: &Camera) -> [u32; 2] {
