@@ -22,7 +22,7 @@ mod splat;
 mod statistics;
 mod view_gradients;
 
-use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, effects::Blend};
+use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, check_same_size, effects::Blend};
 
 pub use self::{
     least_squares::best_colors,

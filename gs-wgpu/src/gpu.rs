@@ -23,26 +23,16 @@ use crate::{
     shaders::{Kernels, SORT_BITS, Variant, shader_of},
 };
 
-/// The initial contents of buffers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg(feature = "test-hooks")]
-pub enum FreshBuffers {
-    /// Zeros, as WebGPU specifies.
-    #[default]
-    Zero,
-    /// NaNs, so that tests find numbers that are read before they are written.
-    Poison,
-}
-
 /// How a [`WgpuRasterizer`](crate::WgpuRasterizer) opens its device.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct WgpuSettings {
     /// Selects the first adapter whose name contains this, ignoring case; `None`: the fastest kind.
     pub adapter: Option<String>,
-    /// The initial contents of buffers.
+    /// Whether fresh buffers hold NaN instead of zeros, so that tests find numbers that are read
+    /// before they are written.
     #[cfg(feature = "test-hooks")]
-    pub fresh_buffers: FreshBuffers,
+    pub poison: bool,
     /// The kind of kernels; `None`: the fastest that the adapter supports.
     pub kernels: Option<Kernels>,
     /// Largest number of work groups along an axis of a dispatch. Larger dispatches have several
@@ -54,28 +44,6 @@ pub struct WgpuSettings {
 }
 
 gs_core::impl_with!(WgpuSettings);
-
-#[cfg(feature = "test-hooks")]
-impl WgpuSettings {
-    fn most_groups(&self) -> u32 {
-        self.most_groups.map_or(u32::MAX, std::num::NonZero::get)
-    }
-
-    fn poisons(&self) -> bool {
-        self.fresh_buffers == FreshBuffers::Poison
-    }
-}
-
-#[cfg(not(feature = "test-hooks"))]
-impl WgpuSettings {
-    fn most_groups(&self) -> u32 {
-        u32::MAX
-    }
-
-    fn poisons(&self) -> bool {
-        false
-    }
-}
 
 /// Device, queue and pipelines of one adapter.
 pub struct Gpu {
@@ -102,9 +70,9 @@ pub struct Gpu {
     /// A uniform per sorting pass: the bit offset of its digit.
     pub(crate) shifts: Vec<wgpu::Buffer>,
     /// Bytes moved between host and device.
-    moved: AtomicU64,
+    pub(crate) moved: AtomicU64,
     /// Number of times that the host has waited for the device.
-    waits: AtomicU64,
+    pub(crate) waits: AtomicU64,
 }
 
 impl fmt::Debug for Gpu {
@@ -170,6 +138,10 @@ impl Gpu {
         reason: String,
         settings: &WgpuSettings,
     ) -> Result<Self, Error> {
+        #[cfg(feature = "test-hooks")]
+        let (most_groups, poison) = (settings.most_groups.map_or(u32::MAX, std::num::NonZero::get), settings.poison);
+        #[cfg(not(feature = "test-hooks"))]
+        let (most_groups, poison) = (u32::MAX, false);
         let on_cpu = info.device_type == wgpu::DeviceType::Cpu;
         let kernels = adapter::kernels(settings.kernels, info, device.features())?;
         let shift = |pass: u32| {
@@ -186,11 +158,11 @@ impl Gpu {
             queue,
             adapter: adapter::summary_of(info),
             reason,
-            most_groups: settings.most_groups().min(limits.max_compute_workgroups_per_dimension),
+            most_groups: most_groups.min(limits.max_compute_workgroups_per_dimension),
             limits,
             on_cpu,
             kernels,
-            poison: settings.poisons(),
+            poison,
             faults,
             #[cfg(not(target_family = "wasm"))]
             poller: Poller::default(),
@@ -357,16 +329,6 @@ impl Gpu {
         let looked = self.device.poll(wgpu::PollType::Poll);
         self.check()?;
         looked.map(drop).map_err(|e| backend_error(format!("polling the device: {e}")))
-    }
-
-    /// Number of times that the host has waited for the device.
-    pub(crate) fn waits(&self) -> u64 {
-        self.waits.load(Ordering::Relaxed)
-    }
-
-    /// Bytes moved between host and device.
-    pub(crate) fn moved(&self) -> u64 {
-        self.moved.load(Ordering::Relaxed)
     }
 
     /// The pipeline of an entry point, compiled on first use.

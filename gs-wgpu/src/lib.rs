@@ -64,9 +64,6 @@ pub use crate::{
     target::Target,
 };
 
-#[cfg(feature = "test-hooks")]
-pub use crate::gpu::FreshBuffers;
-
 /// 2D Gaussians on a device.
 pub type Splats2d = Splats<Scene2d>;
 

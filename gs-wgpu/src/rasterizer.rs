@@ -1,6 +1,6 @@
 //! The implementation of the traits: checks the arguments and sends the stages to the device.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
 
 use gs_core::{
     AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
@@ -93,14 +93,14 @@ impl WgpuRasterizer {
 
     /// Bytes moved between host and device so far, in both directions, including uniforms.
     pub fn bytes_moved(&self) -> u64 {
-        self.gpu.moved()
+        self.gpu.moved.load(Relaxed)
     }
 
     /// Number of times that the host has waited for the device so far.
     ///
     /// A training step waits only if [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT) steps are pending.
     pub fn waits(&self) -> u64 {
-        self.gpu.waits()
+        self.gpu.waits.load(Relaxed)
     }
 
     /// Destroys the device, as a crash of the driver would. Every later call is an

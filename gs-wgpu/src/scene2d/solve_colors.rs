@@ -40,54 +40,43 @@ pub(crate) async fn solve_colors(
     let without_background = gpu.storage("step", &[Step { background: [0.0; 3], ..step }])?;
     workspace.write_step(gpu, &step);
     let mut commands = Commands::new(gpu);
-    workspace.encode_solve(gpu, &mut commands, splats, target, iterations, &without_background)?;
+    let n = u64::from(workspace.tiles.gaussians);
+    workspace.buffers.vectors.ensure(gpu, n * CONJUGATE_BYTES)?;
+    workspace.buffers.scalars.ensure(gpu, 64)?;
+    let Workspace { tiles, .. } = &mut workspace;
+    tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
+    tiles.encode_blend(gpu, &mut commands);
+    tiles.encode_comparison(gpu, &mut commands, target, Comparison::Difference)?;
+    tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
+    workspace.encode_solver(gpu, &mut commands, splats, "solve_start", None);
+    workspace.encode_solver(gpu, &mut commands, splats, "solve_scalars", Some(0));
+    // From here on, the image is that of a direction, without background.
+    let (step, bytes) = (&workspace.tiles.step, size_of::<Step>() as u64);
+    commands.encoder().copy_buffer_to_buffer(&without_background, 0, step, 0, bytes);
+    for _ in 0..iterations {
+        let Workspace { tiles, .. } = &mut workspace;
+        tiles.encode_blend(gpu, &mut commands);
+        let differentiated = match target.weights {
+            None => Differentiated::Image,
+            Some(_) => {
+                tiles.encode_comparison(gpu, &mut commands, target, Comparison::Image)?;
+                Differentiated::Own
+            }
+        };
+        tiles.encode_blend_bwd(gpu, &mut commands, differentiated)?;
+        workspace.encode_solver(gpu, &mut commands, splats, "solve_product", None);
+        workspace.encode_solver(gpu, &mut commands, splats, "solve_scalars", Some(1));
+        workspace.encode_solver(gpu, &mut commands, splats, "solve_step", None);
+        workspace.encode_solver(gpu, &mut commands, splats, "solve_scalars", Some(2));
+        workspace.encode_solver(gpu, &mut commands, splats, "solve_direction", None);
+    }
+    workspace.encode_solver(gpu, &mut commands, splats, "solve_end", None);
     commands.submit(gpu);
     pools.pool_2d.give(workspace);
     gpu.check()
 }
 
 impl Workspace<Scene2d> {
-    /// Records `iterations` of conjugate gradients. The lists must exist.
-    pub(crate) fn encode_solve(
-        &mut self,
-        gpu: &Gpu,
-        commands: &mut Commands,
-        splats: &Splats<Scene2d>,
-        target: &Target,
-        iterations: u32,
-        without_background: &wgpu::Buffer,
-    ) -> Result<(), Error> {
-        let n = u64::from(self.tiles.gaussians);
-        self.buffers.vectors.ensure(gpu, n * CONJUGATE_BYTES)?;
-        self.buffers.scalars.ensure(gpu, 64)?;
-        self.tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
-        self.tiles.encode_blend(gpu, commands);
-        self.tiles.encode_comparison(gpu, commands, target, Comparison::Difference)?;
-        self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?;
-        self.encode_solver(gpu, commands, splats, "solve_start", None);
-        self.encode_solver(gpu, commands, splats, "solve_scalars", Some(0));
-        // From here on, the image is that of a direction, without background.
-        commands.encoder().copy_buffer_to_buffer(without_background, 0, &self.tiles.step, 0, size_of::<Step>() as u64);
-        for _ in 0..iterations {
-            self.tiles.encode_blend(gpu, commands);
-            let differentiated = match target.weights {
-                None => Differentiated::Image,
-                Some(_) => {
-                    self.tiles.encode_comparison(gpu, commands, target, Comparison::Image)?;
-                    Differentiated::Own
-                }
-            };
-            self.tiles.encode_blend_bwd(gpu, commands, differentiated)?;
-            self.encode_solver(gpu, commands, splats, "solve_product", None);
-            self.encode_solver(gpu, commands, splats, "solve_scalars", Some(1));
-            self.encode_solver(gpu, commands, splats, "solve_step", None);
-            self.encode_solver(gpu, commands, splats, "solve_scalars", Some(2));
-            self.encode_solver(gpu, commands, splats, "solve_direction", None);
-        }
-        self.encode_solver(gpu, commands, splats, "solve_end", None);
-        Ok(())
-    }
-
     fn encode_solver(
         &self,
         gpu: &Gpu,

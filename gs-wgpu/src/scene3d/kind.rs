@@ -3,22 +3,41 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{AdamRates, Camera, Error, Output, RenderSettings, Scene3d};
-
-use super::{
-    stages::{self, Buffers3d},
-    state::{COLOR_BYTES, State3d},
+use gs_core::{
+    AdamRates, Camera, Error, Output, RenderSettings, Scene3d, effects::Order, math::perspective::Perspective,
 };
+
+use super::state::{COLOR_BYTES, State3d};
 use crate::{
-    dispatch::Commands,
+    dispatch::{Commands, Groups, dispatch},
     fault::BACKEND,
-    gpu::Gpu,
+    gpu::{Gpu, UNIFORM},
     kind::{Kind, State as _},
-    layout::{EllipsoidGradient, SPLAT_BYTES, Step},
+    layout::{self, BY_COEFFICIENT, BY_GAUSSIAN, EllipsoidGradient, SPLAT_BYTES, Step},
+    lists::{Sorting, Which},
+    shaders::{SORT_BITS, SORT_BLOCK, Variant},
     splats::Splats,
-    tiles::DEPTH_BYTES,
+    tiles::{DEPTH_BYTES, Growing, groups_of},
     workspace::{Pool, Pools, Workspace},
 };
+
+/// Number of passes of the sort by 32-bit depths: even, so that the result is in the first buffers.
+const DEPTH_PASSES: u32 = u32::BITS / SORT_BITS;
+
+/// The buffers that only 3D scenes need.
+#[derive(Debug)]
+pub struct Buffers3d {
+    camera: wgpu::Buffer,
+    /// Splats by index.
+    projected: Growing,
+    /// Number of tiles that each splat touches, by index.
+    counts: Growing,
+    /// Depths with slopes and indices, for the sort at each pixel.
+    pixel_depths: Growing,
+    depths: [Growing; 2],
+    /// Place → index.
+    order: [Growing; 2],
+}
 
 impl Kind for Scene3d {
     type State = State3d;
@@ -50,7 +69,15 @@ impl Kind for Scene3d {
     }
 
     fn buffers(gpu: &Gpu) -> Result<Buffers3d, Error> {
-        Buffers3d::new(gpu)
+        let growing = |label| Growing::new(gpu, label);
+        Ok(Buffers3d {
+            camera: gpu.allocate("camera", size_of::<layout::Camera>() as u64, UNIFORM)?,
+            projected: growing("projected by index")?,
+            counts: growing("tile counts")?,
+            pixel_depths: growing("depths by pixel")?,
+            depths: [growing("depths")?, growing("depths")?],
+            order: [growing("order of depth")?, growing("order of depth")?],
+        })
     }
 
     fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, splats: &Splats<Self>) -> Result<(), Error> {
@@ -86,15 +113,90 @@ impl Kind for Scene3d {
     }
 
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, camera: &Camera) {
-        workspace.buffers.write_camera(gpu, camera, &workspace.tiles.settings);
+        let settings = &workspace.tiles.settings;
+        let [least_slope, most_slope] = Perspective::new(camera, settings).slopes();
+        let antialias = settings.effects.antialias;
+        let row = |i: usize| camera.rotation.row(i).extend(camera.translation[i]).to_array();
+        let camera = layout::Camera {
+            world_to_camera: [row(0), row(1), row(2)],
+            position: camera.position().to_array(),
+            near: camera.near,
+            focal: camera.focal.to_array(),
+            center: camera.center.to_array(),
+            least_slope: least_slope.to_array(),
+            most_slope: most_slope.to_array(),
+            dilation: antialias.dilation(),
+            compensates: u32::from(antialias.compensates()),
+            full_depth: settings.full_depth,
+            unused: 0,
+        };
+        gpu.write(&workspace.buffers.camera, bytemuck::bytes_of(&camera));
     }
 
     fn encode_project(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>, _: bool) {
-        workspace.encode_splats(gpu, commands, splats);
+        let Workspace { tiles, buffers, .. } = workspace;
+        let n = u64::from(tiles.gaussians);
+        let by_pixel = tiles.orders_by_pixel();
+        let variant = Variant { by_pixel, ..Variant::default() };
+        let mut bindings = vec![
+            &tiles.step,
+            &buffers.camera,
+            &splats.state.ellipsoids,
+            &splats.state.sh,
+            &buffers.projected.buffer,
+            &buffers.counts.buffer,
+            &buffers.depths[0].buffer,
+            &buffers.order[0].buffer,
+            &tiles.status,
+        ];
+        if by_pixel {
+            bindings.push(&buffers.pixel_depths.buffer);
+        }
+        dispatch(gpu, commands, "project_3d", variant, &bindings, groups_of(gpu, n, 64));
+        // The order of the scene needs no sort by depth.
+        let by_depth = tiles.variant().over && tiles.settings.effects.order != Order::Index;
+        if by_depth {
+            let blocks = n.div_ceil(SORT_BLOCK.into());
+            let groups = [gpu.groups(blocks).into(), groups_of(gpu, blocks << SORT_BITS, 1024)];
+            let (keys, order) = (buffers.depths.each_ref(), buffers.order.each_ref());
+            let sorting = Sorting { which: Which::Gaussians, keys, order, passes: DEPTH_PASSES, groups };
+            tiles.encode_sorting(gpu, commands, &sorting);
+        }
+        let mut bindings = vec![
+            &tiles.step,
+            &buffers.order[0].buffer,
+            &buffers.projected.buffer,
+            &buffers.counts.buffer,
+            &tiles.projected.buffer,
+            &tiles.offsets.buffer,
+        ];
+        if by_pixel {
+            bindings.extend([&buffers.pixel_depths.buffer, &tiles.depths.buffer]);
+        }
+        dispatch(gpu, commands, "place", variant, &bindings, groups_of(gpu, n + 1, 64));
     }
 
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>) {
-        workspace.encode_splats_bwd(gpu, commands, splats);
+        let Workspace { tiles, buffers, gradients, .. } = workspace;
+        let bindings = [
+            &tiles.step,
+            &buffers.camera,
+            &tiles.projected.buffer,
+            &tiles.offsets.buffer,
+            &tiles.slots.buffer,
+            &gradients[0].buffer,
+            &splats.state.ellipsoids,
+            &splats.state.sh,
+            &gradients[1].buffer,
+            &buffers.order[0].buffer,
+        ];
+        let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
+        let camera = tiles.settings.camera_gradient;
+        dispatch(gpu, commands, "project_bwd_3d", Variant { camera, ..tiles.variant() }, &bindings, groups);
+        if camera {
+            let bindings = [&tiles.step, &gradients[0].buffer, &tiles.status];
+            dispatch(gpu, commands, "camera_gradient_3d", Variant::default(), &bindings, Groups::Direct(1, 1));
+        }
     }
 
     fn encode_add(
@@ -103,7 +205,11 @@ impl Kind for Scene3d {
         commands: &mut Commands,
         added: &[wgpu::Buffer],
     ) -> Result<(), Error> {
-        workspace.encode_add(gpu, commands, added);
+        let mut bindings = vec![&workspace.tiles.step];
+        bindings.extend(workspace.gradient_buffers());
+        bindings.extend(added);
+        let groups = groups_of(gpu, u64::from(workspace.tiles.gaussians), 64);
+        dispatch(gpu, commands, "add_gradients_3d", Variant::default(), &bindings, groups);
         Ok(())
     }
 
@@ -115,7 +221,18 @@ impl Kind for Scene3d {
         gradients: &[&wgpu::Buffer],
         indirect: Option<&wgpu::Buffer>,
     ) {
-        stages::encode_adam(gpu, commands, splats, step, gradients, indirect);
+        let (n, state) = (splats.len as u64, &splats.state);
+        let groups = |offset: u64, count: u64| match indirect {
+            Some(sizes) => Groups::Indirect(sizes, offset),
+            None => groups_of(gpu, count, 64),
+        };
+        let moments = state.moments();
+        let bindings = [step, gradients[0], &state.ellipsoids, &moments.geometry, &splats.statistics];
+        dispatch(gpu, commands, "adam_3d", Variant::default(), &bindings, groups(BY_GAUSSIAN, n));
+        let [first, second] = &moments.sh;
+        let bindings = [step, gradients[0], &state.ellipsoids, gradients[1], &state.sh, first, second];
+        let by_coefficient = groups(BY_COEFFICIENT, n * state.coefficients() as u64);
+        dispatch(gpu, commands, "adam_color_3d", moments.variant(), &bindings, by_coefficient);
     }
 
     async fn derivatives(

@@ -1,5 +1,4 @@
 //! 3D scenes: the stages before `scan` and after `blend_bwd`.
 
 mod kind;
-mod stages;
 mod state;

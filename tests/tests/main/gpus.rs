@@ -3,7 +3,7 @@
 use pollster::FutureExt as _;
 use std::{num::NonZero, sync::OnceLock};
 
-use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
 /// A device with these kernels and with buffers full of NaN; `None` where the adapter does not
 /// support them. `most_groups` limits the work groups in a row of a dispatch.
@@ -12,7 +12,7 @@ use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
 /// If there is no adapter.
 pub(crate) fn with_kernels(kernels: Kernels, most_groups: Option<NonZero<u32>>) -> Option<WgpuRasterizer> {
     let settings = WgpuSettings::default().with(|s| {
-        s.fresh_buffers = FreshBuffers::Poison;
+        s.poison = true;
         s.kernels = Some(kernels);
         s.most_groups = most_groups;
     });

@@ -24,7 +24,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
-    FreshBuffers, Gradients2d, Kernels, STEPS_IN_FLIGHT, Splats2d, Target, WgpuRasterizer, WgpuSettings, adapters,
+    Gradients2d, Kernels, STEPS_IN_FLIGHT, Splats2d, Target, WgpuRasterizer, WgpuSettings, adapters,
 };
 use proptest::prelude::*;
 
@@ -39,7 +39,7 @@ mod pending_steps;
 fn rasterizer() -> &'static WgpuRasterizer {
     static RASTERIZER: OnceLock<WgpuRasterizer> = OnceLock::new();
     RASTERIZER.get_or_init(|| {
-        let settings = WgpuSettings::default().with(|s| s.fresh_buffers = FreshBuffers::Poison);
+        let settings = WgpuSettings::default().with(|s| s.poison = true);
         WgpuRasterizer::new(settings)
             .block_on()
             .expect("`cargo xtask test` installs a software driver where there is no adapter")
