@@ -36,7 +36,8 @@ pub use crate::{
     image::{Image, TargetImage, check_same_size, check_size, rounded_to_8_bits, to_8_bits},
     rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{
-        Bounds, Gaussian2d, Gaussian3d, LodCut, LodLevel, LodNode, Region, Scene, Scene2d, Scene3d, logit, sigmoid,
+        Bounds, Gaussian2d, Gaussian3d, LodCut, LodLevel, LodNode, Region, Scene, Scene2d, Scene3d, check_len, logit,
+        sigmoid,
     },
     settings::{Accuracy, Choice, Cut, Dropout, Output, RenderSettings},
     state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},

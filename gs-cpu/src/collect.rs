@@ -7,13 +7,13 @@ use gs_core::effects::Statistics;
 /// The numbers per entry that a backward kernel writes after its gradients.
 pub(crate) trait Collect {
     /// Count of the numbers.
-    const NUMBERS: usize;
+    const NUMBERS: usize = 0;
     /// Whether the numbers include Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, summed over pixels.
-    const ABSOLUTE: bool;
+    const ABSOLUTE: bool = false;
     /// Whether the numbers include Σ T α e, where e is the pixel's error.
-    const ERROR: bool;
+    const ERROR: bool = false;
     /// Whether the number counts the pixels in which the Gaussian is blended.
-    const COUNT: bool;
+    const COUNT: bool = false;
 }
 
 /// No further numbers.
@@ -32,31 +32,20 @@ pub(crate) struct PixelErrors;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PixelCounts;
 
-impl Collect for Nothing {
-    const NUMBERS: usize = 0;
-    const ABSOLUTE: bool = false;
-    const ERROR: bool = false;
-    const COUNT: bool = false;
-}
+impl Collect for Nothing {}
 
 impl Collect for AbsoluteGradients {
     const NUMBERS: usize = 2;
     const ABSOLUTE: bool = true;
-    const ERROR: bool = false;
-    const COUNT: bool = false;
 }
 
 impl Collect for PixelErrors {
     const NUMBERS: usize = 1;
-    const ABSOLUTE: bool = false;
     const ERROR: bool = true;
-    const COUNT: bool = false;
 }
 
 impl Collect for PixelCounts {
     const NUMBERS: usize = 1;
-    const ABSOLUTE: bool = false;
-    const ERROR: bool = false;
     const COUNT: bool = true;
 }
 

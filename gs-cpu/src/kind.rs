@@ -11,7 +11,7 @@ use std::{
 
 use gs_core::{
     AdamRates, Binning, CameraGradient, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization,
-    RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState,
+    RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState, edit::Source,
 };
 
 use crate::{
@@ -186,9 +186,11 @@ impl<S: Kind> Shared<S> {
         self.statistics.visible.len()
     }
 
-    /// Replaces the statistics after an edit.
-    pub(crate) fn edited(&mut self, statistics: DensityStatistics) {
-        self.statistics = statistics;
+    /// Edits the statistics.
+    pub(crate) fn edit(&mut self, plan: &EditPlan<S::Gaussian>, sources: &[Source]) {
+        let DensityStatistics { signal_sum, visible } = &mut self.statistics;
+        *signal_sum = plan.gather_statistics(sources, signal_sum);
+        *visible = plan.gather_statistics(sources, visible);
         self.version = next_version();
     }
 }

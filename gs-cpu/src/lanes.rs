@@ -160,6 +160,18 @@ pub(crate) fn bounded_derivative<S: Simd, V: Floats<S>>(simd: S, g: V) -> V {
     g.abs().simd_gt(most).select(most.copysign(g), g)
 }
 
+/// Keeps ln-scales within their bounds. NaN stays, so that the Gaussian is pruned.
+#[inline(always)]
+pub(crate) fn bound_scales(log_scales: &mut [f32], [floor, ceiling]: [f32; 2]) {
+    for scale in log_scales {
+        if *scale < floor {
+            *scale = floor;
+        } else if *scale > ceiling {
+            *scale = ceiling;
+        }
+    }
+}
+
 /// The vector where the bits of `mask` are set, else 0.
 #[inline(always)]
 pub(crate) fn masked<S: Simd, V: Floats<S>>(vector: V, mask: V) -> V {

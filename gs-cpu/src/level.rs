@@ -1,23 +1,22 @@
 //! The SIMD levels of this machine, chosen at run time.
 
-use std::{fmt, str::FromStr};
-
 #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
 use fearless_simd::x86::{Avx2, Avx512};
-use gs_core::Error;
 
-/// An instruction set the kernels are compiled for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[non_exhaustive]
-pub enum SimdLevel {
-    /// The instructions that every machine of the target has: SSE2 on x86-64 and NEON on AArch64,
-    /// with 4 lanes each; SIMD128 on WebAssembly, if the compiler was told to use it; no vectors
-    /// otherwise.
-    Baseline,
-    /// AVX2 with FMA, 8 lanes.
-    Avx2,
-    /// AVX-512 of Ice Lake and later, 16 lanes.
-    Avx512,
+gs_core::choices! {
+    /// An instruction set the kernels are compiled for.
+    #[derive(PartialOrd, Ord)]
+    #[non_exhaustive]
+    pub enum SimdLevel {
+        /// The instructions that every machine of the target has: SSE2 on x86-64 and NEON on AArch64,
+        /// with 4 lanes each; SIMD128 on WebAssembly, if the compiler was told to use it; no vectors
+        /// otherwise.
+        Baseline = "baseline",
+        /// AVX2 with FMA, 8 lanes.
+        Avx2 = "avx2",
+        /// AVX-512 of Ice Lake and later, 16 lanes.
+        Avx512 = "avx512",
+    }
 }
 
 /// A level that this machine has. [`dispatch`] compiles its body for each.
@@ -105,7 +104,7 @@ mod baseline {
 impl SimdLevel {
     /// The levels this machine has, slowest first. Never empty.
     pub fn available() -> Vec<Self> {
-        [Self::Baseline, Self::Avx2, Self::Avx512].into_iter().filter(|level| level.instructions().is_some()).collect()
+        Self::ALL.into_iter().filter(|level| level.instructions().is_some()).collect()
     }
 
     /// The fastest level this machine has.
@@ -129,35 +128,18 @@ impl SimdLevel {
     }
 }
 
-const NAMES: [(SimdLevel, &str); 3] =
-    [(SimdLevel::Baseline, "baseline"), (SimdLevel::Avx2, "avx2"), (SimdLevel::Avx512, "avx512")];
-
-impl fmt::Display for SimdLevel {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = NAMES.iter().find(|(level, _)| level == self).map_or("unknown", |(_, name)| name);
-        f.pad(name)
-    }
-}
-
-impl FromStr for SimdLevel {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self, Error> {
-        let found = NAMES.iter().find(|(_, n)| *n == name).map(|(level, _)| *level);
-        found.ok_or_else(|| Error::setting("SIMD level", name, "one of baseline, avx2, avx512"))
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use gs_core::Choice as _;
+
     use super::*;
 
     #[test]
     fn names_survive_a_round_trip() {
         for level in SimdLevel::available() {
-            assert_eq!(level.to_string().parse::<SimdLevel>(), Ok(level));
+            assert_eq!(SimdLevel::from_name(&level.to_string()), Some(level));
         }
-        assert!("mmx".parse::<SimdLevel>().is_err());
+        assert_eq!(SimdLevel::from_name("mmx"), None);
         assert!(SimdLevel::available().contains(&SimdLevel::Baseline));
     }
 }

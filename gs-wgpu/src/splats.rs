@@ -4,7 +4,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use gs_core::{
-    DensityStatistics, EditPlan, Error, Parameterization, SplatsState, Wait,
+    DensityStatistics, EditPlan, Error, Parameterization, SplatsState, Wait, check_len,
     edit::{AfterEdit, Moments as Heritage, Source as From},
     logit,
 };
@@ -136,11 +136,6 @@ impl<S: Kind> Splats<S> {
             sums.iter().zip(&visible).map(|(&[signal_sum], &visible)| Statistics { signal_sum, visible }).collect();
         Self::from_parts(gpu, S::State::restore(gpu, state, n)?, &statistics)
     }
-}
-
-/// Fails if a tensor of a saved state has the wrong number of Gaussians.
-pub(crate) fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
-    if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
 }
 
 /// The source of one slot of the edited arrays.

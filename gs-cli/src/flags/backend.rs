@@ -136,7 +136,7 @@ fn contradiction(message: &str) -> Failure {
 
 fn simd_level(name: &str) -> Result<SimdLevel, Failure> {
     let available = SimdLevel::available();
-    let level = name.parse::<SimdLevel>().ok().filter(|level| available.contains(level));
+    let level = available.iter().copied().find(|level| level.name() == name);
     level.ok_or_else(|| {
         let names: Vec<String> = available.iter().map(ToString::to_string).collect();
         Failure::usage(format_args!(

@@ -7,7 +7,7 @@ pub use self::target::{TargetImage, completed};
 
 use std::sync::Arc;
 
-use crate::{constants::MAX_SIDE_PX, error::Error, memory};
+use crate::{constants::MAX_SIDE_PX, error::Error, memory, scene::check_len};
 
 /// An RGB image, row-major from the top-left corner, `[height, width, 3]`.
 ///
@@ -45,10 +45,7 @@ impl Image {
     /// height long.
     pub fn from_pixels(width: u32, height: u32, pixels: Vec<[f32; 3]>) -> Result<Self, Error> {
         check_size(width, height)?;
-        let expected = width as usize * height as usize;
-        if pixels.len() != expected {
-            return Err(Error::Length { what: "pixels", expected, found: pixels.len() });
-        }
+        check_len("pixels", width as usize * height as usize, pixels.len())?;
         Ok(Self { width, height, pixels: Arc::new(pixels) })
     }
 

@@ -1,7 +1,7 @@
 //! Target images as a program passes them to a backend.
 
 use super::{Image, rounded_to_8_bits};
-use crate::error::Error;
+use crate::{error::Error, scene::check_len};
 
 /// A target image, with optional alpha, mask and weights.
 ///
@@ -51,9 +51,7 @@ impl TargetImage<'_> {
         let expected = self.image.pixels().len();
         let [alpha, weights] = [self.alpha, self.weights].map(|numbers| numbers.map(<[f32]>::len));
         for (what, found) in [("alpha", alpha), ("mask", self.mask.map(<[bool]>::len)), ("weights", weights)] {
-            if let Some(found) = found.filter(|&found| found != expected) {
-                return Err(Error::Length { what, expected, found });
-            }
+            check_len(what, expected, found.unwrap_or(expected))?;
         }
         if let Some(alpha) = self.alpha.and_then(|alpha| alpha.iter().find(|alpha| !(0.0..=1.0).contains(*alpha))) {
             return Err(Error::setting("a target's alpha", alpha, "0 to 1"));

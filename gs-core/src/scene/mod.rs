@@ -69,7 +69,11 @@ pub fn logit(opacity: f32) -> f32 {
     (opacity / (1.0 - opacity)).ln()
 }
 
-fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+/// Checks the length of an array; `what` names it in the error.
+///
+/// # Errors
+/// [`Error::Length`] where it is not as expected.
+pub fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
     if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
 }
 

@@ -5,7 +5,7 @@ mod scene;
 
 use std::collections::BTreeMap;
 
-use crate::{adam::Parameterization, error::Error};
+use crate::{adam::Parameterization, error::Error, scene::check_len};
 
 pub use saved::{SavedState, SavedTensor, TensorType};
 
@@ -110,6 +110,19 @@ impl SplatsState {
             },
             _ => Err(Error::State(format!("tensor `{name}` holds integers, not floats"))),
         }
+    }
+
+    /// The numbers of a tensor of floats of this shape, rows and columns; row-major.
+    ///
+    /// # Errors
+    /// Those of [`Self::matrix`]; [`Error::State`] and [`Error::Length`] where the shape is another.
+    pub fn matrix_of(&self, name: &'static str, [rows, columns]: [usize; 2]) -> Result<&[f32], Error> {
+        let (found, numbers) = self.matrix(name)?;
+        if found != columns {
+            return Err(Error::State(format!("tensor `{name}` has {found} columns, not {columns}")));
+        }
+        check_len(name, rows, numbers.len() / found)?;
+        Ok(numbers)
     }
 
     /// `[N]` integers.

@@ -47,15 +47,23 @@ impl SplatsState {
         Ok(scene)
     }
 
+    /// The SH degree of the 3D scene of the state.
+    ///
+    /// # Errors
+    /// [`Error::State`] where the tensor `sh` is missing or of no degree.
+    pub fn sh_degree(&self) -> Result<u8, Error> {
+        let (columns, _) = self.matrix("sh")?;
+        (0..=3).find(|&degree| 3 * coefficients(degree) == columns).ok_or_else(|| {
+            Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48"))
+        })
+    }
+
     /// The 3D scene of the state; as [`Self::scene_2d`].
     ///
     /// # Errors
     /// Those of [`Self::scene_2d`].
     pub fn scene_3d(&self) -> Result<Scene3d, Error> {
-        let (columns, sh) = self.matrix("sh")?;
-        let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
-            return Err(Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")));
-        };
+        let (sh_degree, (_, sh)) = (self.sh_degree()?, self.matrix("sh")?);
         let scene = Scene3d {
             means: self.rows::<3>("mean")?.into_iter().map(Vec3::from_array).collect(),
             log_scales: self.rows::<3>("log_scale")?.into_iter().map(Vec3::from_array).collect(),

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     bias::BiasTable,
-    lanes::bounded_derivative,
+    lanes::{bound_scales, bounded_derivative},
     level::{Level, dispatch},
     splat::CHUNK,
 };
@@ -204,15 +204,7 @@ fn step_all<'g, S: Simd>(
             slices.means[i] -= Vec2::new(u, w);
             let shape = &mut slices.scale_rotations[i];
             *shape = [shape[0] - s0, shape[1] - s1, shape[2] - s2];
-            let (floor, ceiling) = (step.rates.min_scale.ln(), step.rates.max_scale.ln());
-            for scale in &mut shape[..2] {
-                // NaN stays, so that the Gaussian is pruned.
-                if *scale < floor {
-                    *scale = floor;
-                } else if *scale > ceiling {
-                    *scale = ceiling;
-                }
-            }
+            bound_scales(&mut shape[..2], [step.rates.min_scale.ln(), step.rates.max_scale.ln()]);
         }
         if let Some(logit) = slices.opacity_logits.get_mut(i) {
             let [m, v] = &mut slices.opacity_moments[i];

@@ -219,11 +219,7 @@ impl Splats<Scene2d> for Splats2d {
             *moments = plan.gather_moments(&sources, moments);
         }
         self.steps = plan.gather_steps(&sources, &self.steps);
-        let statistics = &self.shared.statistics;
-        self.shared.edited(DensityStatistics {
-            signal_sum: plan.gather_statistics(&sources, &statistics.signal_sum),
-            visible: plan.gather_statistics(&sources, &statistics.visible),
-        });
+        self.shared.edit(plan, &sources);
         if let Some(ceiling) = plan.opacity_ceiling {
             let opacities = self.opacity_logits.iter_mut().zip(&mut self.opacity_moments);
             for (value, moments) in opacities.skip(plan.fixed as usize) {

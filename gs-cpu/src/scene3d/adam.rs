@@ -13,12 +13,12 @@ use super::{
     buffers::Buffers3d,
     camera_sum::CameraSum,
     moments::{self, Moments, Rest},
-    project_bwd::{BLOCK, Backward, Block},
+    project_bwd::Block,
     splats::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, Splats3d},
 };
 use crate::{
     bias::{Bias, BiasTable},
-    lanes::{LANES, Whole, bounded_derivative, load, splat, store},
+    lanes::{LANES, Whole, bound_scales, bounded_derivative, load, splat, store},
     level::{Level, dispatch},
     workspace::Workspace,
 };
@@ -185,7 +185,7 @@ impl<'a> Rows<'a> {
         store(both[0], first, 0);
         store(both[1], second, 0);
         store(load::<S, Whole<S>>(simd, first_vector, 0) - moved, first_vector, 0);
-        bound_scales(first_vector, step.log_scales);
+        bound_scales(&mut first_vector[LOG_SCALE], step.log_scales);
         let from = i * (step.pitch - LANES);
         for at in (0..parameters.len()).step_by(LANES) {
             let g = gradient.map_or(splat(simd, 0.0), |gradient| load(simd, gradient, LANES + at));
@@ -210,58 +210,10 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Takes one Adam step along the workspace's gradients, and adds to the statistics if they are
-/// collected.
-///
-/// Whole vectors of SH above the evaluated degree keep their values and moments, and cost nothing.
-pub(crate) fn step(
-    splats: &mut Splats3d,
-    table: &mut BiasTable<GROUPS>,
-    rates: &AdamRates,
-    level: Level,
-    workspace: &Workspace<Buffers3d>,
-) {
-    let (width, pitch) = (workspace.buffers.gradient_pitch(), splats.pitch());
-    step_along(splats, table, rates, level, workspace, |(first, from), parameters, block| {
-        let count = parameters.len() / pitch;
-        block.len = 0;
-        for place in from..count {
-            if workspace.tiles.lists(first + place) {
-                block.members[block.len] = place;
-                block.rows[block.len][..width].copy_from_slice(workspace.buffers.gradient(first + place));
-                block.shares[block.len] = workspace.buffers.shares[first + place];
-                block.len += 1;
-                if block.len == BLOCK {
-                    return place + 1;
-                }
-            }
-        }
-        count
-    });
-}
-
-/// Runs stages `project_bwd`, with gradients times `scale`, and `adam` in one pass.
-///
-/// The gradients are never written to memory, and parameters are read once.
-pub(crate) fn update(
-    splats: &mut Splats3d,
-    table: &mut BiasTable<GROUPS>,
-    rates: &AdamRates,
-    level: Level,
-    workspace: &mut Workspace<Buffers3d>,
-    scale: f32,
-) {
-    let Some(backward) = Backward::new(workspace, splats, scale) else { return };
-    let sum = step_along(splats, table, rates, level, workspace, |at, parameters, block| {
-        backward.block(level, at, parameters, block)
-    });
-    workspace.set_camera_gradient(sum);
-}
-
 /// Takes one Adam step along gradients. Of a chunk that begins with the Gaussian `first`,
 /// `gradients((first, from), parameters, block)` finds those of the next listed Gaussians from place
 /// `from` on, and returns the place up to which it came. Returns the sum over the blocks' cameras.
-fn step_along(
+pub(super) fn step_along(
     splats: &mut Splats3d,
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
@@ -292,19 +244,6 @@ fn step_along(
         }
         block.camera
     })
-}
-
-/// Keeps the log-scales of a row within their bounds.
-#[inline(always)]
-fn bound_scales(row: &mut [f32], [floor, ceiling]: [f32; 2]) {
-    for scale in &mut row[LOG_SCALE] {
-        // NaN stays, so that the Gaussian is pruned.
-        if *scale < floor {
-            *scale = floor;
-        } else if *scale > ceiling {
-            *scale = ceiling;
-        }
-    }
 }
 
 /// The gradient by the numbers of a row's first vector, with the penalty's gradient.

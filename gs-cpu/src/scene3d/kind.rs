@@ -4,18 +4,20 @@ use gs_core::{
     AdamRates, Binning, Blend, Camera, CameraGradient, Error, Output, RenderSettings, Scene3d, effects::Order,
     math::perspective::Ellipsoid,
 };
+use rayon::prelude::*;
 
 use super::{
     adam,
     buffers::Buffers3d,
     project::{self, Eye},
-    project_bwd,
+    project_bwd::{self, Backward},
     splats::{Splats3d, ellipsoid},
 };
 use crate::{
     bias::BiasTable,
     kind::{AllResources, Kind, Resources},
     level::Level,
+    splat::CHUNK,
     stage::Stage,
     unsupported::BACKEND,
     workspace::Workspace,
@@ -102,7 +104,14 @@ impl Kind for Scene3d {
         added: &Workspace<Buffers3d>,
         weight: f32,
     ) -> Result<(), Error> {
-        project_bwd::add(workspace, added, weight);
+        let mut gradients = std::mem::take(&mut workspace.buffers.gradients);
+        let rows = gradients.par_chunks_mut(workspace.buffers.gradient_pitch()).enumerate().with_min_len(CHUNK);
+        rows.for_each(|(index, row)| {
+            if workspace.tiles.lists(index) && added.tiles.lists(index) {
+                row.iter_mut().zip(added.buffers.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
+            }
+        });
+        workspace.buffers.gradients = gradients;
         Ok(())
     }
 
@@ -122,6 +131,7 @@ impl Kind for Scene3d {
         workspace.buffers.camera_gradient
     }
 
+    /// Whole vectors of SH above the evaluated degree keep their values and moments, and cost nothing.
     fn adam(
         splats: &mut Splats3d,
         bias: &mut Self::Bias,
@@ -129,8 +139,19 @@ impl Kind for Scene3d {
         level: Level,
         workspace: &Workspace<Buffers3d>,
     ) {
-        adam::step(splats, bias, rates, level, workspace);
+        let Workspace { tiles, buffers, .. } = workspace;
+        let (width, pitch) = (buffers.gradient_pitch(), splats.pitch());
+        adam::step_along(splats, bias, rates, level, workspace, |(first, from), parameters, block| {
+            let end = block.find(tiles, first, from..parameters.len() / pitch);
+            for (lane, place) in block.members[..block.len].iter().enumerate() {
+                block.rows[lane][..width].copy_from_slice(buffers.gradient(first + place));
+                block.shares[lane] = buffers.shares[first + place];
+            }
+            end
+        });
     }
+
+    /// The gradients are never written to memory, and parameters are read once.
     fn update(
         splats: &mut Splats3d,
         bias: &mut Self::Bias,
@@ -139,6 +160,10 @@ impl Kind for Scene3d {
         workspace: &mut Workspace<Buffers3d>,
         scale: f32,
     ) {
-        adam::update(splats, bias, rates, level, workspace, scale);
+        let Some(backward) = Backward::new(workspace, splats, scale) else { return };
+        let sum = adam::step_along(splats, bias, rates, level, workspace, |at, parameters, block| {
+            backward.block(level, at, parameters, block)
+        });
+        workspace.set_camera_gradient(sum);
     }
 }

@@ -52,6 +52,22 @@ impl Block {
         shares: [Share { signal: 0.0, weight: 0 }; BLOCK],
         camera: CameraSum::ZERO,
     };
+
+    /// Finds the next listed Gaussians among these places of a chunk, which begins with the Gaussian
+    /// `first`. Returns the place up to which it came.
+    pub(crate) fn find(&mut self, tiles: &Tiles, first: usize, places: Range<usize>) -> usize {
+        self.len = 0;
+        for place in places.clone() {
+            if tiles.lists(first + place) {
+                self.members[self.len] = place;
+                self.len += 1;
+                if self.len == BLOCK {
+                    return place + 1;
+                }
+            }
+        }
+        places.end
+    }
 }
 
 /// What gradients are computed from.
@@ -80,7 +96,7 @@ impl<'a> Backward<'a> {
         parameters: &[f32],
         block: &mut Block,
     ) -> usize {
-        let end = self.find(first, from..parameters.len() / self.pitch, block);
+        let end = block.find(self.tiles, first, from..parameters.len() / self.pitch);
         if block.len > 0 {
             match self.tiles.settings.camera_gradient {
                 false => dispatch!(level, simd => self.compute::<_, false>(simd, first, parameters, block)),
@@ -88,21 +104,6 @@ impl<'a> Backward<'a> {
             }
         }
         end
-    }
-
-    /// Finds the next listed Gaussians among these places.
-    fn find(&self, first: usize, places: Range<usize>, block: &mut Block) -> usize {
-        block.len = 0;
-        for place in places.clone() {
-            if self.tiles.lists(first + place) {
-                block.members[block.len] = place;
-                block.len += 1;
-                if block.len == BLOCK {
-                    return place + 1;
-                }
-            }
-        }
-        places.end
     }
 
     #[inline(always)]
@@ -230,19 +231,6 @@ pub(crate) fn all(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level
     }
     (workspace.buffers.gradients, workspace.buffers.shares) = (gradients, shares);
     workspace.buffers.camera_sums = sums;
-}
-
-/// Adds `weight` times the added gradients to those of `own.gradients`, for Gaussians that some tile
-/// lists in both.
-pub(crate) fn add(workspace: &mut Workspace<Buffers3d>, added: &Workspace<Buffers3d>, weight: f32) {
-    let mut gradients = std::mem::take(&mut workspace.buffers.gradients);
-    let rows = gradients.par_chunks_mut(workspace.buffers.gradient_pitch()).enumerate().with_min_len(CHUNK);
-    rows.for_each(|(index, row)| {
-        if workspace.tiles.lists(index) && added.tiles.lists(index) {
-            row.iter_mut().zip(added.buffers.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
-        }
-    });
-    workspace.buffers.gradients = gradients;
 }
 
 /// ∂L/∂ the projection of a Gaussian, from what its entries received.

@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::{Mat3, Vec3};
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, SavedState, SavedTensor, Scene,
-    Scene3d, SplatsState, TensorType,
+    Scene3d, SplatsState, TensorType, check_len,
     edit::{self, Source},
     logit,
     math::{
@@ -201,30 +201,19 @@ impl Splats<Scene3d> for Splats3d {
 
     fn restore(state: &SplatsState) -> Result<Self, Error> {
         state.parameterization.check_3d()?;
-        let (sh_columns, _) = state.matrix("sh")?;
-        let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == sh_columns) else {
-            return Err(Error::State(format!("tensor `sh` has {sh_columns} columns, not 3, 12, 27 or 48")));
-        };
-        let steps = state.integers("steps")?;
+        let (sh_degree, steps) = (state.sh_degree()?, state.integers("steps")?);
         let mut splats = Self::zeros(steps.len(), sh_degree);
         let pitch = splats.pitch();
-        let numbers = |name: &'static str, columns: usize| {
-            let (found, numbers) = state.matrix(name)?;
-            if found != columns {
-                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {columns}")));
-            }
-            check_len(name, steps.len(), numbers.len() / found)?;
-            Ok::<_, Error>(numbers)
-        };
         for (name, range) in tensors(sh_degree) {
-            let rows = numbers(name, range.len())?.chunks_exact(range.len());
+            let rows = state.matrix_of(name, [steps.len(), range.len()])?.chunks_exact(range.len());
             for (row, values) in splats.parameters.chunks_exact_mut(pitch).zip(rows) {
                 row[range.clone()].copy_from_slice(values);
             }
         }
         let places = moment_places(sh_degree);
         for (which, name) in MOMENTS.into_iter().enumerate() {
-            splats.moments.paste(which, &places, pitch, numbers(name, width(&places))?);
+            let numbers = state.matrix_of(name, [steps.len(), width(&places)])?;
+            splats.moments.paste(which, &places, pitch, numbers);
         }
         let statistics = DensityStatistics {
             signal_sum: state.rows::<1>("gradient_sum")?.into_iter().flatten().collect(),
@@ -256,11 +245,7 @@ impl Splats<Scene3d> for Splats3d {
         self.parameters = parameters;
         self.moments.rearrange(&Moves::new(&sources, |source| plan.origin(source, edit::Moments::heir_of)), pitch);
         self.steps = plan.gather_steps(&sources, &self.steps);
-        let statistics = &self.shared.statistics;
-        self.shared.edited(DensityStatistics {
-            signal_sum: plan.gather_statistics(&sources, &statistics.signal_sum),
-            visible: plan.gather_statistics(&sources, &statistics.visible),
-        });
+        self.shared.edit(plan, &sources);
         if let Some(ceiling) = plan.opacity_ceiling {
             for row in self.parameters.chunks_exact_mut(pitch).skip(plan.fixed as usize) {
                 if !(sigmoid(row[OPACITY]) <= ceiling) {
@@ -312,8 +297,4 @@ fn moment_places(sh_degree: u8) -> [Range<usize>; 2] {
 
 fn width(places: &[Range<usize>]) -> usize {
     places.iter().map(ExactSizeIterator::len).sum()
-}
-
-fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
-    if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
 }

@@ -1,7 +1,7 @@
 //! Evidence over several training views: how much each Gaussian contributes to them, and the errors
 //! of the pixels that it covers.
 
-use gs_core::Error;
+use gs_core::{Error, check_len};
 
 use super::{Observation, gaussian::DensityScene};
 
@@ -145,18 +145,14 @@ impl Evidence {
 
     /// Checks that the requested arrays describe `len` Gaussians.
     fn check_lengths(&self, len: usize, request: &EvidenceRequest) -> Result<(), Error> {
-        if request.splitting && self.splitting.len() != len {
-            return Err(Error::Length { what: "evidence", expected: len, found: self.splitting.len() });
-        }
+        check_len("evidence", len, if request.splitting { self.splitting.len() } else { len })?;
         for ViewEvidence { blended, covered, depth, radius_px, .. } in &self.views {
             let sums = |wanted: bool, s: &PixelSums| {
                 [s.pixels.len(), s.error.len(), s.high_error.len()].map(|found| if wanted { found } else { len })
             };
             let geometry = [depth.len(), radius_px.len()].map(|found| if request.geometry { found } else { len });
             let found = [sums(request.blended, blended), sums(request.covered, covered)].concat();
-            if let Some(found) = found.into_iter().chain(geometry).find(|&found| found != len) {
-                return Err(Error::Length { what: "evidence", expected: len, found });
-            }
+            found.into_iter().chain(geometry).try_for_each(|found| check_len("evidence", len, found))?;
         }
         Ok(())
     }

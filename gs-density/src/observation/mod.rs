@@ -11,7 +11,7 @@ pub use self::{
 };
 
 use glam::Vec2;
-use gs_core::{DensityStatistics, EditPlan, Error, Image, Scene2d, effects::Statistics};
+use gs_core::{DensityStatistics, EditPlan, Error, Image, Scene2d, check_len, effects::Statistics};
 
 use crate::noise::Noise;
 
@@ -58,11 +58,8 @@ impl Residual {
     /// [`Error::SizesDiffer`] or [`Error::Length`] where not.
     pub(crate) fn check(&self) -> Result<(), Error> {
         self.target.same_size(&self.rendered)?;
-        let expected = self.target.pixels().len();
-        match self.weights.as_ref().map(Vec::len).filter(|&found| found != expected) {
-            Some(found) => Err(Error::Length { what: "weights", expected, found }),
-            None => Ok(()),
-        }
+        let pixels = self.target.pixels().len();
+        check_len("weights", pixels, self.weights.as_ref().map_or(pixels, Vec::len))
     }
 }
 
@@ -108,12 +105,8 @@ impl<S: DensityScene> Observation<'_, S> {
     pub(crate) fn check_lengths(&self) -> Result<(), Error> {
         let Self { scene, statistics, .. } = self;
         scene.check_lengths()?;
-        let expected = scene.len();
-        let lengths = [("signal_sum", statistics.signal_sum.len()), ("visible", statistics.visible.len())];
-        match lengths.into_iter().find(|&(_, found)| found != expected) {
-            Some((what, found)) => Err(Error::Length { what, expected, found }),
-            None => Ok(()),
-        }
+        check_len("signal_sum", scene.len(), statistics.signal_sum.len())?;
+        check_len("visible", scene.len(), statistics.visible.len())
     }
 }
 

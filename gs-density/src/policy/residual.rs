@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    EditPlan, Error, Gaussian2d, Scene, Scene2d,
+    EditPlan, Error, Gaussian2d, Scene, Scene2d, check_len,
     edit::{AfterEdit, Birth, Moments, Origin, Place, PruneCause, Removal},
     logit, sigmoid,
 };
@@ -120,10 +120,7 @@ impl DensityPolicy for ResidualGrowth {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
         self.validate()?;
         let scene = observation.scene;
-        let found = observation.statistics.signal_sum.len();
-        if found != scene.len() {
-            return Err(Error::Length { what: "density statistics", expected: scene.len(), found });
-        }
+        check_len("density statistics", scene.len(), observation.statistics.signal_sum.len())?;
         let Some(residual) = observation.residual else {
             return Err(Error::State("policy `residual` needs a residual".into()));
         };

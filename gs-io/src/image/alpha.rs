@@ -1,6 +1,6 @@
 //! Colours and their alpha.
 
-use gs_core::{Error, Image, rounded_to_8_bits};
+use gs_core::{Error, Image, check_len, rounded_to_8_bits};
 
 /// Composites an image over a colour: c·α + behind·(1 − α), in the stored values. `alpha` is
 /// row-major.
@@ -8,10 +8,7 @@ use gs_core::{Error, Image, rounded_to_8_bits};
 /// # Errors
 /// [`Error::Length`] where `alpha` is not as long as the image.
 pub(crate) fn composite(image: &mut Image, alpha: &[f32], behind: [f32; 3]) -> Result<(), Error> {
-    let (expected, found) = (image.pixels().len(), alpha.len());
-    if found != expected {
-        return Err(Error::Length { what: "alpha", expected, found });
-    }
+    check_len("alpha", image.pixels().len(), alpha.len())?;
     for (color, &alpha) in image.pixels_mut().iter_mut().zip(alpha).filter(|(_, alpha)| **alpha < 1.0) {
         *color = std::array::from_fn(|k| color[k] * alpha + behind[k] * (1.0 - alpha));
     }

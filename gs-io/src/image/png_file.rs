@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use gs_core::{Image, to_8_bits};
+use gs_core::{Image, check_len, to_8_bits};
 
 use super::IccProfile;
 use crate::{atomic::write_atomically, error::Error};
@@ -38,10 +38,8 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
 /// Those of [`write_atomically`]; [`Error::Content`] for an alpha that is not as long as the image.
 pub fn write_png_with(path: impl AsRef<Path>, image: &Image, extras: PngExtras<'_>) -> Result<(), Error> {
     let path = path.as_ref();
-    let (expected, found) = (image.pixels().len(), extras.alpha.map(<[f32]>::len));
-    if let Some(found) = found.filter(|&found| found != expected) {
-        return Err(Error::content(path)(gs_core::Error::Length { what: "alpha", expected, found }));
-    }
+    let pixels = image.pixels().len();
+    check_len("alpha", pixels, extras.alpha.map_or(pixels, <[f32]>::len)).map_err(Error::content(path))?;
     write_atomically(path, |file| encode_png(image, extras, file))
 }
 
@@ -51,10 +49,7 @@ pub fn write_png_with(path: impl AsRef<Path>, image: &Image, extras: PngExtras<'
 /// Those of [`write_atomically`]; [`Error::Content`] for values that are not as many as the pixels.
 pub fn write_grey_png(path: impl AsRef<Path>, (width, height): (u32, u32), values: &[u16]) -> Result<(), Error> {
     let path = path.as_ref();
-    let (expected, found) = (width as usize * height as usize, values.len());
-    if expected != found {
-        return Err(Error::content(path)(gs_core::Error::Length { what: "grey", expected, found }));
-    }
+    check_len("grey", width as usize * height as usize, values.len()).map_err(Error::content(path))?;
     write_atomically(path, |file| {
         let mut encoder = png::Encoder::new(file, width, height);
         encoder.set_color(png::ColorType::Grayscale);

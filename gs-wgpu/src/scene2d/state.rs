@@ -1,7 +1,7 @@
 //! 2D Gaussians on the device: parameters and Adam moments, with edits, saving and restoring.
 
 use glam::{Mat2, Vec2, Vec3};
-use gs_core::{Error, Gaussian2d, Parameterization, Scene, Scene2d, SplatsState};
+use gs_core::{Error, Gaussian2d, Parameterization, Scene, Scene2d, SplatsState, check_len};
 
 use crate::{
     dispatch::{Commands, dispatch},
@@ -9,7 +9,7 @@ use crate::{
     kind::State,
     layout::{Gaussian, Moments},
     shaders::Variant,
-    splats::{Edit, check_len},
+    splats::Edit,
     tiles::groups_of,
 };
 

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    Error, Gaussian3d, MomentFormat, Parameterization, Scene, Scene3d, SplatsState,
+    Error, Gaussian3d, MomentFormat, Parameterization, Scene, Scene3d, SplatsState, check_len,
     math::{packed_moments, sh::coefficients},
 };
 
@@ -13,7 +13,7 @@ use crate::{
     kind::State,
     layout::{Ellipsoid, EllipsoidMoments},
     shaders::Variant,
-    splats::{Edit, check_len},
+    splats::Edit,
     tiles::groups_of,
 };
 
@@ -130,13 +130,6 @@ fn packed(g: &Gaussian3d) -> Ellipsoid {
     }
 }
 
-/// The parameters on the host.
-struct Parts {
-    sh_degree: u8,
-    ellipsoids: Vec<Ellipsoid>,
-    sh: Vec<[f32; 3]>,
-}
-
 /// Moments without those of the colour in the order of saved states: mean 3, log-scale 3, rotation
 /// 4, opacity 1.
 fn geometry(m: &[f32; 12]) -> [f32; GEOMETRY] {
@@ -149,13 +142,18 @@ fn on_device(m: &[f32]) -> [f32; 12] {
 }
 
 impl State3d {
-    fn from_parts(gpu: &Gpu, parts: &Parts, moments: Option<Moments>) -> Result<Self, Error> {
-        Ok(Self {
-            sh_degree: parts.sh_degree,
-            ellipsoids: gpu.storage("Gaussians", &parts.ellipsoids)?,
-            sh: gpu.storage("SH coefficients", &parts.sh)?,
-            moments,
-        })
+    fn of_scene(gpu: &Gpu, scene: &Scene3d, steps: &[u32], moments: Option<Moments>) -> Result<Self, Error> {
+        let ellipsoid = |(i, &steps): (usize, &u32)| Ellipsoid {
+            mean: scene.means[i].to_array(),
+            opacity_logit: scene.opacity_logits[i],
+            log_scale: scene.log_scales[i].to_array(),
+            steps,
+            rotation: scene.rotations[i],
+        };
+        let ellipsoids: Vec<Ellipsoid> = steps.iter().enumerate().map(ellipsoid).collect();
+        let sh: Vec<[f32; 3]> = scene.sh.iter().map(Vec3::to_array).collect();
+        let (ellipsoids, sh) = (gpu.storage("Gaussians", &ellipsoids)?, gpu.storage("SH coefficients", &sh)?);
+        Ok(Self { sh_degree: scene.sh_degree, ellipsoids, sh, moments })
     }
 
     /// The format of the moments, if there are any.
@@ -189,19 +187,7 @@ impl State<Scene3d> for State3d {
     fn new(gpu: &Gpu, scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
         parameterization.check_3d()?;
         scene.validate()?;
-        let ellipsoid = |i: usize| Ellipsoid {
-            mean: scene.means[i].to_array(),
-            opacity_logit: scene.opacity_logits[i],
-            log_scale: scene.log_scales[i].to_array(),
-            steps: 0,
-            rotation: scene.rotations[i],
-        };
-        let parts = Parts {
-            sh_degree: scene.sh_degree,
-            ellipsoids: (0..scene.len()).map(ellipsoid).collect(),
-            sh: scene.sh.iter().map(Vec3::to_array).collect(),
-        };
-        Self::from_parts(gpu, &parts, None)
+        Self::of_scene(gpu, scene, &vec![0; scene.len()], None)
     }
 
     async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene3d, Error> {
@@ -248,51 +234,22 @@ impl State<Scene3d> for State3d {
 
     fn restore(gpu: &Gpu, state: &SplatsState, n: usize) -> Result<Self, Error> {
         state.parameterization.check_3d()?;
-        let (columns, sh) = state.matrix("sh")?;
-        let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
-            return Err(Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")));
-        };
-        check_len("sh", n, sh.len() / columns)?;
-        let (means, log_scales) = (state.rows::<3>("mean")?, state.rows::<3>("log_scale")?);
-        let (rotations, logits) = (state.rows::<4>("rotation")?, state.rows::<1>("opacity_logit")?);
-        let steps = state.integers("steps")?;
-        for (what, found) in [
-            ("mean", means.len()),
-            ("log_scale", log_scales.len()),
-            ("rotation", rotations.len()),
-            ("opacity_logit", logits.len()),
-        ] {
-            check_len(what, n, found)?;
-        }
-        let moments_of = |name: &'static str| {
-            let (found, numbers) = state.matrix(name)?;
-            if found != GEOMETRY + columns {
-                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {}", GEOMETRY + columns)));
-            }
-            check_len(name, n, numbers.len() / found)?;
-            Ok(numbers)
-        };
-        let rows = [moments_of("moment1")?, moments_of("moment2")?].map(|m| m.chunks_exact(GEOMETRY + columns));
-        let [first, second] = rows;
-        let mut parts = Parts { sh_degree, ellipsoids: Vec::with_capacity(n), sh: sh.as_chunks().0.to_vec() };
+        let scene = state.scene_3d()?;
+        check_len("mean", n, scene.len())?;
+        let k = scene.sh_len();
+        let shape = [n, GEOMETRY + 3 * k];
+        let (first, second) = (state.matrix_of("moment1", shape)?, state.matrix_of("moment2", shape)?);
         let mut geometry = Vec::with_capacity(n);
-        let mut sh_moments = [0, 1].map(|_| Vec::with_capacity(n * columns / 3));
-        for (i, (first, second)) in first.zip(second).enumerate() {
-            parts.ellipsoids.push(Ellipsoid {
-                mean: means[i],
-                opacity_logit: logits[i][0],
-                log_scale: log_scales[i],
-                steps: steps[i],
-                rotation: rotations[i],
-            });
+        let mut sh_moments = [0, 1].map(|_| Vec::with_capacity(n * k));
+        for (first, second) in first.chunks_exact(shape[1]).zip(second.chunks_exact(shape[1])) {
             geometry.push(EllipsoidMoments { first: on_device(first), second: on_device(second) });
             sh_moments[0].extend(first[GEOMETRY..].as_chunks().0);
             sh_moments[1].extend(second[GEOMETRY..].as_chunks().0);
         }
         let geometry = gpu.storage(GEOMETRY_MOMENTS, &geometry)?;
         let [first, second] = &sh_moments;
-        let moments = Moments::upload(gpu, geometry, [first, second], columns / 3, MomentFormat::F32)?;
-        Self::from_parts(gpu, &parts, Some(moments))
+        let moments = Moments::upload(gpu, geometry, [first, second], k, MomentFormat::F32)?;
+        Self::of_scene(gpu, &scene, &state.integers("steps")?, Some(moments))
     }
 
     fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, Gaussian3d>) -> Result<Self, Error> {
