@@ -2,13 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use gs_core::Scene3d;
-
 use super::{
     Encoded3d, File3d, Format3d,
     foreign::has_name,
     gltf, ksplat,
-    options::WriteOptions3d,
+    options::ToWrite,
     ply, sog,
     source::Source,
     splat, spz,
@@ -17,18 +15,12 @@ use super::{
 use crate::error::Error;
 
 /// What writes a format.
-type Encode = fn(Format3d, &Path, &Scene3d, &WriteOptions3d) -> Result<Encoded3d, Error>;
+type Encode = fn(&ToWrite<'_>) -> Result<Encoded3d, Error>;
 
 /// What writes a format, or the refusal to where formats are only read.
 const fn written(encode: Encode) -> Encode {
     if cfg!(feature = "write") { encode } else { ROW.encode }
 }
-
-/// What writes streamed SOG.
-#[cfg(feature = "write")]
-const STREAMED: Encode = streamed::encode;
-#[cfg(not(feature = "write"))]
-const STREAMED: Encode = ROW.encode;
 
 /// A format.
 pub(super) struct Row {
@@ -113,7 +105,6 @@ const FORMATS: &[Row] = &[
         ending: Some(streamed::META),
         recognises: |start, path| gltf::recognises(start) && has_name(path, streamed::META),
         read: |source, _| StreamedSog::parse(source)?.read_finest(),
-        encode: STREAMED,
         beside: |path, _| streamed::chunk_files(path),
         memory: 14,
         ..ROW
@@ -171,7 +162,7 @@ const ROW: Row = Row {
     ending: None,
     recognises: |_, _| false,
     read: |source, _| Err(Error::not_a_3d_scene(source.path, "a checkpoint")),
-    encode: |_, path, _, _| Err(Format3d::unknown_ending(path)),
+    encode: |to| Err(Format3d::unknown_ending(to.path)),
     beside: |_, _| Vec::new(),
     stores_frame: false,
     largest: f32::MAX as f64,

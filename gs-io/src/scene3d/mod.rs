@@ -37,6 +37,7 @@ mod trained_with;
 mod values;
 
 use std::{
+    borrow::Cow,
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
@@ -56,6 +57,7 @@ pub use self::{
     values::Rounding,
 };
 use self::{
+    options::ToWrite,
     source::Source,
     values::{finite_logit, transform},
 };
@@ -233,16 +235,11 @@ pub struct Written3d {
 /// [`FolderClaim::begin`](crate::FolderClaim::begin).
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
-    if Format3d::to_write(path) == Some(Format3d::Ply) {
-        check_writable(path, scene)?;
-        let (comments, world) = ply::comments(options);
-        write_durably(path, |file| ply::write(scene, &comments, world, file))?;
-        let losses = ConversionLoss::of_infinite_logits(scene).into_iter().collect();
-        return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
-    }
-    #[cfg(feature = "write")]
-    if Format3d::to_write(path) == Some(Format3d::StreamedSog) {
-        return streamed::write(path, scene, options);
+    match Format3d::to_write(path) {
+        Some(Format3d::Ply) => return write_parts_3d(path, scene.len(), options, [Ok::<_, Error>(scene)]),
+        #[cfg(feature = "write")]
+        Some(Format3d::StreamedSog) => return streamed::write(path, scene, options),
+        _ => {}
     }
     let Encoded3d { bytes, beside, written } = encode_3d(path, scene, options)?;
     for (path, bytes) in &beside {
@@ -277,41 +274,38 @@ impl Encoded3d {
     }
 }
 
-fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
+/// A scene that a file of this format can have, and the options for it: in coordinates of the world if these
+/// are wanted and files of the format have no frame.
+fn writable<'a>(
+    path: &Path,
+    format: Format3d,
+    scene: Cow<'a, Scene3d>,
+    options: &WriteOptions3d,
+) -> Result<(Cow<'a, Scene3d>, WriteOptions3d), Error> {
     scene.validate().map_err(Error::content(path))?;
-    if scene.is_empty() { Err(Error::empty(path)) } else { Ok(()) }
-}
-
-/// The scene in coordinates of the world, for a format of 32-bit numbers.
-fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d, Error> {
+    range::check(path, format, &scene, options)?;
+    let Some(frame) = options.world().filter(|_| !format.row().stores_frame) else { return Ok((scene, *options)) };
     if frame.origin != DVec3::ZERO {
         let what = format!("a scene in world coordinates around {}, which need 64 bits,", frame.origin);
         return Err(Error::unsupported(path, what, "write a PLY or a glTF"));
     }
-    let mut scene = scene.clone();
-    transform(&mut scene, &frame.to(&WorldFrame::WORLD));
-    Ok(scene)
+    let mut scene = scene.into_owned();
+    move_scene(&mut scene, &frame, &WorldFrame::WORLD);
+    Ok((Cow::Owned(scene), options.with(|s| s.trained_with.frame = WorldFrame::WORLD)))
 }
 
-/// Encodes a scene as [`write_3d`] does, but writes nothing.
+/// Encodes a scene as [`write_3d`] does, but writes nothing; not as a streamed SOG.
 ///
 /// # Errors
 /// Those of [`write_3d`], except for those of writing.
 pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
     let path = path.as_ref();
-    let Some(format) = Format3d::to_write(path) else {
-        return Err(Format3d::unknown_ending(path));
-    };
-    check_writable(path, scene)?;
-    range::check(path, format, scene, options)?;
-    if let Some(frame) = options.world().filter(|_| !format.row().stores_frame) {
-        return encode_3d(
-            path,
-            &in_world(path, scene, &frame)?,
-            &options.with(|s| s.trained_with.frame = WorldFrame::WORLD),
-        );
+    let format = Format3d::to_write(path).ok_or_else(|| Format3d::unknown_ending(path))?;
+    if scene.is_empty() {
+        return Err(Error::empty(path));
     }
-    (format.row().encode)(format, path, scene, options)
+    let (scene, options) = writable(path, format, Cow::Borrowed(scene), options)?;
+    (format.row().encode)(&ToWrite { format, path, scene: &scene, options: &options })
 }
 
 const WANTED: &str = "a scene file";

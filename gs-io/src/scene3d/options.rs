@@ -1,6 +1,10 @@
 //! Options for writing 3D scenes.
 
-use super::trained_with::TrainedWith;
+use std::path::Path;
+
+use gs_core::Scene3d;
+
+use super::{Format3d, trained_with::TrainedWith};
 use crate::WorldFrame;
 
 /// Options for writing scenes.
@@ -36,6 +40,15 @@ impl WriteOptions3d {
         let frame = self.trained_with.frame;
         (self.coordinates == Coordinates::World && !frame.is_world()).then_some(frame)
     }
+}
+
+/// A scene to encode.
+pub(super) struct ToWrite<'a> {
+    pub(super) format: Format3d,
+    /// The place of the file, for errors and for the names of further files.
+    pub(super) path: &'a Path,
+    pub(super) scene: &'a Scene3d,
+    pub(super) options: &'a WriteOptions3d,
 }
 
 gs_core::choices! {

@@ -4,6 +4,7 @@
 //! number of vertices, and some of the rows.
 
 use std::{
+    borrow::Borrow,
     fs::File,
     io::{self, Read as _, Write},
     path::{Path, PathBuf},
@@ -149,7 +150,7 @@ pub fn write_parts_3d<E: From<Error>>(
     path: impl AsRef<Path>,
     gaussians: usize,
     options: &WriteOptions3d,
-    parts: impl IntoIterator<Item = Result<Scene3d, E>>,
+    parts: impl IntoIterator<Item = Result<impl Borrow<Scene3d>, E>>,
 ) -> Result<Written3d, E> {
     let path = path.as_ref();
     let format = Format3d::to_write(path).filter(|_| writes_parts_3d(path));
@@ -163,8 +164,9 @@ pub fn write_parts_3d<E: From<Error>>(
     let result = write_durably(path, |file| {
         for part in parts {
             let put = part.and_then(|part| {
+                let part: &Scene3d = part.borrow();
                 written += part.len();
-                put(path, format, &part, options, all.take(), &mut losses, file).map_err(E::from)
+                put(path, format, part, options, all.take(), &mut losses, file).map_err(E::from)
             });
             if let Err(error) = put {
                 failure = Some(error);

@@ -10,14 +10,13 @@
 //! Little-endian; axes are those of the PLY it was made from. Without a header, only its extension
 //! identifies it.
 
-use std::path::Path;
-
 use gs_core::constants::SH_C0;
 use gs_core::{Scene, Scene3d};
 
 use super::{
-    Encoded3d, File3d, Format3d, TrainedWith, WriteOptions3d,
+    Encoded3d, File3d, Format3d, TrainedWith,
     conversion_loss::{Clamp, ConversionLoss},
+    options::ToWrite,
     source::Source,
     values::{UnitRotations, byte_of_logit, log_of_scale, logit_of_step, scale_of_log},
 };
@@ -47,12 +46,7 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
 }
 
 /// Encodes a scene.
-pub(crate) fn encode(
-    format: Format3d,
-    path: &Path,
-    scene: &Scene3d,
-    options: &WriteOptions3d,
-) -> Result<Encoded3d, Error> {
+pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
     let mut bytes = Vec::with_capacity(scene.len() * RECORD_BYTES);
     let mut clamp = Clamp::new("colours", 0.0, 1.0, 0.5 / 255.0);

@@ -14,19 +14,15 @@ use super::{
 use crate::{
     error::Error,
     scene3d::{
-        Encoded3d, Format3d, WriteOptions3d,
+        Encoded3d, Format3d,
         conversion_loss::ConversionLoss,
+        options::ToWrite,
         values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
 
 /// Encodes a scene, with the buffer of a `.gltf` inside.
-pub(crate) fn encode(
-    format: Format3d,
-    path: &Path,
-    scene: &Scene3d,
-    options: &WriteOptions3d,
-) -> Result<Encoded3d, Error> {
+pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
     let (mut json, buffer) = document(scene, &rotations);
     if let Some(frame) = options.world() {

@@ -23,6 +23,7 @@ use super::{
     Encoded3d, File3d, Format3d, WriteOptions3d,
     conversion_loss::ConversionLoss,
     number::Number,
+    options::ToWrite,
     source::Source,
     values::{MAX_DEGREE, degree_of_rest, finite_logit, rest_of_degree},
 };
@@ -172,12 +173,7 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
 }
 
 /// Encodes a scene as [`write()`] writes it.
-pub(crate) fn encode(
-    format: Format3d,
-    path: &Path,
-    scene: &Scene3d,
-    options: &WriteOptions3d,
-) -> Result<Encoded3d, Error> {
+pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) -> Result<Encoded3d, Error> {
     let mut bytes = Vec::new();
     let (comments, world) = comments(options);
     write(scene, &comments, world, &mut bytes).map_err(|source| Error::write(path, source))?;

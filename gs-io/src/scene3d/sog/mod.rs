@@ -23,7 +23,7 @@ mod order;
 mod palette;
 mod planes;
 
-use std::{borrow::Cow, path::Path};
+use std::borrow::Cow;
 
 use glam::Vec3;
 use gs_core::{Scene, Scene3d, examination::EXTREME_COLOR};
@@ -38,8 +38,9 @@ use self::{
     planes::{Plane, PlaneSize},
 };
 use super::{
-    Encoded3d, File3d, Format3d, TrainedWith, WriteOptions3d,
+    Encoded3d, File3d, Format3d, TrainedWith,
     conversion_loss::{Clamp, ConversionLoss},
+    options::ToWrite,
     source::Source,
     values::{UnitRotations, byte_of_logit, largest_of, logit_of_step, rest_of_degree, with_largest},
 };
@@ -163,23 +164,15 @@ pub(crate) fn image_names(sh_degree: u8) -> &'static [&'static str] {
 }
 
 /// Encodes a scene as a bundle, or as `meta.json` with the images beside it.
-pub(crate) fn encode(
-    format: Format3d,
-    path: &Path,
-    scene: &Scene3d,
-    options: &WriteOptions3d,
-) -> Result<Encoded3d, Error> {
-    encode_runs(format, path, scene, &[scene.len()], options)
+pub(crate) fn encode(to: &ToWrite<'_>) -> Result<Encoded3d, Error> {
+    encode_runs(to, &[to.scene.len()])
 }
 
 /// Encodes a scene as [`encode`] does, but sorts the Gaussians only within runs of these lengths, which
 /// follow each other.
 pub(super) fn encode_runs(
-    format: Format3d,
-    path: &Path,
-    scene: &Scene3d,
+    &ToWrite { format, path, scene, options }: &ToWrite<'_>,
     runs: &[usize],
-    options: &WriteOptions3d,
 ) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
     let trained_with = &options.trained_with;

@@ -11,8 +11,6 @@
 mod container;
 mod quantum;
 
-use std::path::Path;
-
 use glam::DAffine3;
 use gs_core::{Scene, Scene3d};
 
@@ -23,9 +21,9 @@ use self::{
 use super::{
     Encoded3d, File3d, Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
-    options::{SpzVersion, WriteOptions3d},
+    options::{SpzVersion, ToWrite, WriteOptions3d},
     source::Source,
-    values::{Flips, MAX_DEGREE, UnitRotations, rest_of_degree, transform},
+    values::{Flips, MAX_DEGREE, UnitRotations, byte_of_logit, logit_of_step, rest_of_degree, transform},
 };
 use crate::error::Error;
 
@@ -40,7 +38,7 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
     let degree = head.degree.min(MAX_DEGREE);
     let mut scene = Scene3d { sh_degree: degree, ..Scene3d::default() };
     scene.means = streams.positions.as_chunks::<9>().0.iter().map(|p| quantum::position(p, head.fraction)).collect();
-    scene.opacity_logits = streams.opacities.iter().map(|&byte| quantum::opacity_logit(byte)).collect();
+    scene.opacity_logits = streams.opacities.iter().map(|&byte| logit_of_step(byte.into(), 255)).collect();
     scene.log_scales = streams.scales.as_chunks::<3>().0.iter().map(|s| s.map(quantum::log_scale).into()).collect();
     scene.rotations = match head.version {
         2 => streams.rotations.as_chunks::<3>().0.iter().map(|&q| quantum::rotation_of_three(q)).collect(),
@@ -64,12 +62,7 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
 }
 
 /// Encodes a scene.
-pub(crate) fn encode(
-    format: Format3d,
-    path: &Path,
-    scene: &Scene3d,
-    options: &WriteOptions3d,
-) -> Result<Encoded3d, Error> {
+pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
     let WriteOptions3d { spz_version, trained_with, .. } = *options;
     let too_many = |_| Error::unsupported(path, format!("an SPZ of {} Gaussians", scene.len()), "write a PLY");
@@ -88,7 +81,7 @@ pub(crate) fn encode(
     };
     for i in 0..scene.len() {
         streams.positions.extend(packing.position(AXES.mean(scene.means[i])));
-        streams.opacities.push(packing.opacity(scene.opacity_logits[i]));
+        streams.opacities.push(byte_of_logit(scene.opacity_logits[i]));
         streams.scales.extend(packing.log_scale(scene.log_scales[i]));
         streams.rotations.extend(packing.rotation(AXES.rotation(rotations.get(i))));
         let coefficients = &scene.sh[i * scene.sh_len()..][..rest + 1];

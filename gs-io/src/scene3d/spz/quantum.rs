@@ -18,7 +18,7 @@ use gs_core::Scene3d;
 use crate::scene3d::{
     conversion_loss::{Clamp, ConversionLoss},
     range::farthest,
-    values::{UnitRotations, byte_of_logit, largest_of, logit_of_step, with_largest},
+    values::{UnitRotations, largest_of, with_largest},
 };
 
 /// Factor of coefficients of degree 0; for colours it would be 0.282.
@@ -65,10 +65,6 @@ pub(super) fn position(bytes: &[u8; 9], fraction: FractionalBits) -> Vec3 {
         bits as f32 / fraction.per_unit()
     };
     Vec3::new(value(0), value(3), value(6))
-}
-
-pub(super) fn opacity_logit(byte: u8) -> f32 {
-    logit_of_step(byte.into(), 255)
 }
 
 pub(super) fn log_scale(byte: u8) -> f32 {
@@ -139,10 +135,6 @@ impl Packing {
         let per_unit = f64::from(self.fraction.per_unit());
         let [x, y, z] = mean.to_array().map(|v| ((f64::from(v) * per_unit).round() as i32).to_le_bytes());
         [x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]]
-    }
-
-    pub(super) fn opacity(&self, logit: f32) -> u8 {
-        byte_of_logit(logit)
     }
 
     pub(super) fn log_scale(&mut self, log: Vec3) -> [u8; 3] {

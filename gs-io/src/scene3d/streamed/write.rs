@@ -16,8 +16,8 @@ use crate::{
     atomic::write_durably,
     error::Error,
     scene3d::{
-        ConversionLoss, Encoded3d, Format3d, WriteOptions3d, Written3d, check_writable, in_world, range, sog,
-        values::UnitRotations,
+        ConversionLoss, Encoded3d, Format3d, WriteOptions3d, Written3d, options::ToWrite, sog, values::UnitRotations,
+        writable,
     },
 };
 
@@ -33,34 +33,14 @@ struct Parts<'a, E> {
     part: &'a mut dyn FnMut(usize) -> Result<Cow<'a, Scene3d>, E>,
 }
 
-/// Encodes a scene as `lod-meta.json` with the files of all chunks.
-pub(crate) fn encode(_: Format3d, path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
-    let mut files = Vec::new();
-    let plan = Plan::of(&[scene.len()]);
-    let mut part = |_| Ok(Cow::Borrowed(scene));
-    let parts = Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part };
-    let (bytes, losses) = encode_chunks::<Error>(path, &plan, parts, options, &mut |name, bytes| {
-        files.push((path.with_file_name(name), bytes.to_vec()));
-        Ok(())
-    })?;
-    Ok(Encoded3d::of(Format3d::StreamedSog, bytes, losses).beside(files))
-}
-
 /// Writes a streamed SOG as [`write_3d`](crate::write_3d) does.
 pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
-    check_writable(path, scene)?;
-    range::check(path, Format3d::StreamedSog, scene, options)?;
-    if let Some(frame) = options.world() {
-        let scene = in_world(path, scene, &frame)?;
-        return write(path, &scene, &of_world(options));
+    if scene.is_empty() {
+        return Err(Error::empty(path));
     }
-    let mut part = |_| Ok(Cow::Borrowed(scene));
-    write_all(path, Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part }, options)
-}
-
-/// The options for a scene that is in coordinates of its world.
-fn of_world(options: &WriteOptions3d) -> WriteOptions3d {
-    options.with(|s| s.trained_with.frame = crate::WorldFrame::WORLD)
+    let (scene, options) = writable(path, Format3d::StreamedSog, Cow::Borrowed(scene), options)?;
+    let mut part = |_| Ok(Cow::Borrowed(&*scene));
+    write_all(path, Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part }, &options)
 }
 
 /// Writes a scene that is never in memory as a whole as a streamed SOG: a tree of levels of detail for each of its
@@ -86,18 +66,11 @@ pub fn write_levels_of_parts_3d<E: From<Error>>(
     if gaussians.iter().all(|gaussians| *gaussians == 0) {
         return Err(Error::empty(path).into());
     }
-    let world = options.world();
+    let writable = |scene| writable(path, Format3d::StreamedSog, Cow::Owned(scene), options);
     // Refuses what no scene may have, before anything is written.
-    world.map(|frame| in_world(path, &Scene3d::default(), &frame)).transpose()?;
-    let mut part = |number| {
-        let part = part(number)?;
-        part.validate().map_err(Error::content(path))?;
-        range::check(path, Format3d::StreamedSog, &part, options)?;
-        let moved = world.map(|frame| in_world(path, &part, &frame)).transpose()?;
-        Ok(Cow::Owned(moved.unwrap_or(part)))
-    };
-    let options = world.map_or(*options, |_| of_world(options));
-    write_all(path, Parts { sh_degree, gaussians, part: &mut part }, &options)
+    let (_, of_all) = writable(Scene3d::default())?;
+    let mut part = |number| Ok(writable(part(number)?)?.0);
+    write_all(path, Parts { sh_degree, gaussians, part: &mut part }, &of_all)
 }
 
 /// Writes all chunks into a temporary folder, and when they are complete, into their places, `lod-meta.json` last.
@@ -162,8 +135,9 @@ fn encode_chunks<E: From<Error>>(
     let mut end_chunk = |file: usize, chunk: Scene3d| {
         let name = &plan.chunks[file];
         let meta = format!("{name}/{}", sog::META);
-        let Encoded3d { bytes, beside, written } =
-            sog::encode_runs(Format3d::SogFolder, &path.with_file_name(&meta), &chunk, &plan.runs(file), options)?;
+        let path = path.with_file_name(&meta);
+        let to = ToWrite { format: Format3d::SogFolder, path: &path, scene: &chunk, options };
+        let Encoded3d { bytes, beside, written } = sog::encode_runs(&to, &plan.runs(file))?;
         if name.starts_with("0_") {
             ConversionLoss::merge(&mut losses, written.losses);
         }
