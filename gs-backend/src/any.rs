@@ -61,33 +61,6 @@ sides! {
 }
 
 impl AnyRasterizer {
-    /// Returns this rasterizer for 2D scenes only, where the types of the arguments do not
-    /// determine the kind of scene.
-    pub fn for_2d(
-        &self,
-    ) -> &impl Profiler<
-        Scene2d,
-        Splats = AnySplats<Scene2d>,
-        ForwardPass = AnyForwardPass<Scene2d>,
-        Gradients = AnyGradients<Scene2d>,
-        Target = AnyTarget<Scene2d>,
-    > {
-        self
-    }
-
-    /// Returns this rasterizer for 3D scenes only; see [`Self::for_2d`].
-    pub fn for_3d(
-        &self,
-    ) -> &impl Profiler<
-        Scene3d,
-        Splats = AnySplats<Scene3d>,
-        ForwardPass = AnyForwardPass<Scene3d>,
-        Gradients = AnyGradients<Scene3d>,
-        Target = AnyTarget<Scene3d>,
-    > {
-        self
-    }
-
     /// Short name of the backend: "cpu" or "wgpu".
     pub fn name(&self) -> &'static str {
         match self {
@@ -118,6 +91,8 @@ impl AnyRasterizer {
         }
     }
 }
+
+gs_core::impl_for_kinds!(AnyRasterizer);
 
 fn mismatch() -> Error {
     Error::State("splats, passes, gradients and targets of one backend are used with another".to_owned())

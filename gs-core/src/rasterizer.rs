@@ -27,6 +27,34 @@ use crate::{
     view::CameraGradient,
 };
 
+/// Gives a rasterizer of both kinds of scenes the methods `for_2d` and `for_3d`.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! impl_for_kinds {
+    ($rasterizer:ty) => {
+        impl $rasterizer {
+            $crate::impl_for_kinds! { for_2d, $crate::Scene2d, "2D" }
+            $crate::impl_for_kinds! { for_3d, $crate::Scene3d, "3D" }
+        }
+    };
+    ($name:ident, $scene:ty, $kind:literal) => {
+        #[doc = concat!("Returns this rasterizer for ", $kind, " scenes only.")]
+        ///
+        /// Use it where the types of the arguments do not determine the kind of scene.
+        pub fn $name(
+            &self,
+        ) -> &impl $crate::profile::Profiler<
+            $scene,
+            Splats = <Self as $crate::Rasterizer<$scene>>::Splats,
+            ForwardPass = <Self as $crate::Rasterizer<$scene>>::ForwardPass,
+            Gradients = <Self as $crate::Rasterizer<$scene>>::Gradients,
+            Target = <Self as $crate::Rasterizer<$scene>>::Target,
+        > {
+            self
+        }
+    };
+}
+
 /// Whether a training step may reuse the previous step's lists of which Gaussian touches which
 /// pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -8,18 +8,16 @@ use std::{fmt, sync::PoisonError};
 
 use gs_core::{
     AdamRates, Added, Backend, Binning, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss,
-    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, Scene3d, SplatsState,
-    TargetImage, TrainStep, Wait, check_same_size, counted, profile::Profiler,
+    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, SplatsState, TargetImage, TrainStep,
+    Wait, check_same_size, counted,
 };
 
 use crate::{
-    forward_pass::{ForwardPass, ForwardPass2d, ForwardPass3d, Gradients, Gradients2d, Gradients3d},
+    forward_pass::{ForwardPass, Gradients},
     kind::{AllResources, Kind, Resources, Splats as _},
     level::Level,
     level::SimdLevel,
     loss,
-    scene2d::Splats2d,
-    scene3d::Splats3d,
     target::Target,
     tiles::Tiles,
     tuning::CpuTuning,
@@ -90,24 +88,6 @@ impl CpuRasterizer {
         self.tuning
     }
 
-    /// Returns this rasterizer for 2D scenes only.
-    ///
-    /// Use it where the types of the arguments do not determine the kind of scene.
-    pub fn for_2d(
-        &self,
-    ) -> &impl Profiler<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
-    {
-        self
-    }
-
-    /// Returns this rasterizer for 3D scenes only; see [`Self::for_2d`].
-    pub fn for_3d(
-        &self,
-    ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>
-    {
-        self
-    }
-
     /// Number of threads in use.
     pub fn threads(&self) -> usize {
         self.threads.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads)
@@ -126,6 +106,8 @@ impl CpuRasterizer {
         self.simd
     }
 }
+
+gs_core::impl_for_kinds!(CpuRasterizer);
 
 impl fmt::Debug for CpuRasterizer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

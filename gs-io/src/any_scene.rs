@@ -79,8 +79,7 @@ pub fn is_scene(path: impl AsRef<Path>) -> Result<bool, Error> {
 /// training.
 ///
 /// # Errors
-/// - [`Error::NoScene`] for a folder without a scene.
-/// - [`Error::Unusable`] for a kind of scene that cannot be read.
+/// - [`Error::Unusable`] for a folder without a scene, and a kind of scene that cannot be read.
 /// - [`Error::Content`] for a checkpoint whose metadata do not say how its scene is rendered.
 /// - Those of [`read_2d`], [`read_gsi`], [`read_3d`] and [`read_checkpoint`].
 pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, Error> {
@@ -88,8 +87,8 @@ pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, E
     if !path.is_dir() {
         return read_file(path, values);
     }
-    let none = || Error::NoScene { path: path.to_owned(), looked_for: SCENE_NAMES.join(", ") };
-    let found = readable_in(path).ok_or_else(none)?;
+    let none = || format!("holds no scene: looked for {}", SCENE_NAMES.join(", "));
+    let found = readable_in(path).ok_or_else(|| Error::unusable(path, none(), "name the scene's file"))?;
     read_file(&found, values)
 }
 

@@ -119,9 +119,6 @@ pub enum Error {
         /// Number of other references that leave the folder.
         more: usize,
     },
-    /// The image of a view cannot be read.
-    #[error("{0}, or remove the file, and the view is left out")]
-    BadView(Box<Error>),
     /// A data set without any usable view.
     #[error("{}: this {kind} data set has {}, of which none can be used: {}", one_line(path), gs_core::counted(*found, "view"), skipped.join("; "))]
     NoViews {
@@ -186,14 +183,6 @@ pub enum Error {
         supported: u32,
         /// The file's version.
         found: u32,
-    },
-    /// A folder without a scene.
-    #[error("{}: holds no scene: looked for {looked_for}; name the scene's file", one_line(path))]
-    NoScene {
-        /// The folder.
-        path: PathBuf,
-        /// The files that would be one, by their names.
-        looked_for: String,
     },
     /// The extension of an output file is not that of a 3D scene format that can be written.
     #[error("{}: its ending names no kind of scene that can be written; use {endings}", one_line(path))]

@@ -4,12 +4,11 @@ use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
 
 use gs_core::{
     AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
-    Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep,
-    Wait, check_same_size, profile::Profiler,
+    Optimizer, Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait, check_same_size,
 };
 
 use crate::{
-    ForwardPass2d, ForwardPass3d, Gradients2d, Gradients3d, Splats2d, Splats3d, WgpuSettings,
+    WgpuSettings,
     adapter::AdapterSummary,
     blend::Differentiated,
     dispatch::Commands,
@@ -56,24 +55,6 @@ impl WgpuRasterizer {
 
     fn with(gpu: Gpu) -> Self {
         Self { gpu, pools: Pools::default() }
-    }
-
-    /// Returns this rasterizer for 2D scenes only.
-    ///
-    /// Use it where the types of the arguments do not determine the kind of scene.
-    pub fn for_2d(
-        &self,
-    ) -> &impl Profiler<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
-    {
-        self
-    }
-
-    /// Returns this rasterizer for 3D scenes only; see [`Self::for_2d`].
-    pub fn for_3d(
-        &self,
-    ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>
-    {
-        self
     }
 
     /// The adapter in use.
@@ -146,6 +127,8 @@ impl WgpuRasterizer {
         Ok((status, gradients))
     }
 }
+
+gs_core::impl_for_kinds!(WgpuRasterizer);
 
 impl Backend for WgpuRasterizer {
     fn describe(&self) -> String {

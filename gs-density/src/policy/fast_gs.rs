@@ -207,11 +207,7 @@ impl ByEvidence for FastGs {
     }
 
     /// After growth, Gaussians are only pruned at an interval.
-    fn plan_without<S: DensityScene>(
-        &self,
-        observation: &Observation<'_, S>,
-        rng: &mut Rng,
-    ) -> Result<EditPlan<S::Gaussian>, Error> {
-        Ok(Round::with_removed(&self.actions, observation, Vec::new())?.grow(&[], rng))
+    fn removed<S: DensityScene>(&self, _: &Observation<'_, S>) -> Vec<Removal> {
+        Vec::new()
     }
 }

@@ -83,23 +83,6 @@ impl ImprovedGs {
         let Some(since) = steps.checked_sub(u64::from(self.recovery_steps)).filter(|_| every > 0) else { return false };
         since.is_multiple_of(every) && (1..=u64::from(self.recovery_resets)).contains(&(since / every))
     }
-
-    /// The Gaussians removed in this round.
-    fn removed<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
-        let mut removed = self.actions.prune.removals(observation);
-        if !self.recovers_after(observation.step) || !observation.scene.has_opacity() {
-            return removed;
-        }
-        let mut gone = removed.iter().map(|r| r.index).peekable();
-        let len = observation.scene.len() as u32;
-        let mut left: Vec<u32> = (0..len).filter(|&index| gone.next_if_eq(&index).is_none()).collect();
-        let opacity = |index: u32| observation.scene.opacity_logit(index as usize);
-        left.sort_by(|&a, &b| opacity(a).total_cmp(&opacity(b)));
-        left.truncate(share_of(left.len(), self.recovery_percent));
-        removed.extend(left.into_iter().map(|index| Removal { index, cause: PruneCause::Unimportant }));
-        removed.sort_unstable_by_key(|r| r.index);
-        removed
-    }
 }
 
 impl ByEvidence for ImprovedGs {
@@ -131,11 +114,20 @@ impl ByEvidence for ImprovedGs {
         Ok(round.grow(&chosen, rng))
     }
 
-    fn plan_without<S: DensityScene>(
-        &self,
-        observation: &Observation<'_, S>,
-        rng: &mut Rng,
-    ) -> Result<EditPlan<S::Gaussian>, Error> {
-        Ok(Round::with_removed(&self.actions, observation, self.removed(observation))?.grow(&[], rng))
+    /// Those of every round; after a reset also those that have recovered least.
+    fn removed<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
+        let mut removed = self.actions.prune.removals(observation);
+        if !self.recovers_after(observation.step) || !observation.scene.has_opacity() {
+            return removed;
+        }
+        let mut gone = removed.iter().map(|r| r.index).peekable();
+        let len = observation.scene.len() as u32;
+        let mut left: Vec<u32> = (0..len).filter(|&index| gone.next_if_eq(&index).is_none()).collect();
+        let opacity = |index: u32| observation.scene.opacity_logit(index as usize);
+        left.sort_by(|&a, &b| opacity(a).total_cmp(&opacity(b)));
+        left.truncate(share_of(left.len(), self.recovery_percent));
+        removed.extend(left.into_iter().map(|index| Removal { index, cause: PruneCause::Unimportant }));
+        removed.sort_unstable_by_key(|r| r.index);
+        removed
     }
 }

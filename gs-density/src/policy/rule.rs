@@ -2,7 +2,7 @@
 //! that implements [`ByEvidence`], or [`Rule`] and a [`DensityPolicy`], and an entry in the table of
 //! `mod.rs`, the only list of their names.
 
-use gs_core::{EditPlan, Error, effects::Statistics};
+use gs_core::{EditPlan, Error, edit::Removal, effects::Statistics};
 
 use crate::{
     observation::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Needs, Observation, Rng},
@@ -75,13 +75,9 @@ pub(crate) trait ByEvidence: Listed {
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error>;
 
-    /// The edits of another round. By default it prunes.
-    fn plan_without<S: DensityScene>(
-        &self,
-        observation: &Observation<'_, S>,
-        rng: &mut Rng,
-    ) -> Result<EditPlan<S::Gaussian>, Error> {
-        Ok(Round::open(self.own_actions(), observation)?.grow(&[], rng))
+    /// What a round without evidence removes, in ascending order of indices. By default it prunes.
+    fn removed<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
+        self.own_actions().prune.removals(observation)
     }
 }
 
@@ -110,7 +106,9 @@ impl<S: DensityScene, P: ByEvidence> DensityPolicy<S> for P {
         observation.check_lengths()?;
         match self.reads_evidence(observation.step, observation.progress) {
             true => self.plan_with(observation, observation.requested(P::NAME, &self.request())?, rng),
-            false => self.plan_without(observation, rng),
+            false => {
+                Ok(Round::with_removed(self.own_actions(), observation, self.removed(observation))?.grow(&[], rng))
+            }
         }
     }
 

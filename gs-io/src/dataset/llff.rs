@@ -14,7 +14,7 @@ use glam::{DVec2, dvec2};
 
 use super::{
     Dataset, DatasetKind, DatasetSettings, Distortion, Skip,
-    camera::{Focal, Intrinsics, Pose},
+    camera::{Intrinsics, Pose},
     read::{Draft, Parts, Place, Refusal, Stated, assemble_named},
 };
 use crate::{atomic::read_file, error::Error, image::image_files, npy::Npy};
@@ -59,13 +59,7 @@ fn draft(root: &Path, name: &str, row: &[f64]) -> Draft {
     let at = |row_of: usize, column: usize| row[5 * row_of + column];
     let [height, width, focal] = [at(0, 4), at(1, 4), at(2, 4)];
     let is_usable = [height, width, focal].iter().all(|value| value.is_finite() && *value > 0.0);
-    let intrinsics = Intrinsics {
-        focal: Focal::Lengths(DVec2::splat(focal)),
-        center: None,
-        size: Some(dvec2(width, height)),
-        distortion: Distortion::None,
-        circle: None,
-    };
+    let intrinsics = Intrinsics::new(DVec2::splat(focal), None, dvec2(width, height), Distortion::None);
     let numbers = vec![("height", height), ("width", width), ("focal", focal)];
     let stated = Stated { place: POSES.to_owned(), numbers };
     let intrinsics = if is_usable { Ok(intrinsics) } else { Err(Refusal::new(Skip::BadCamera, stated.to_string())) };

@@ -21,7 +21,7 @@ use roxmltree::{Document, Node};
 
 use super::{
     BrownConrady, Dataset, DatasetKind, DatasetSettings, Distortion, FILE, Fisheye, Skip,
-    camera::{Focal, Intrinsics, Pose},
+    camera::{Intrinsics, Pose},
     read::{Draft, Parts, Place, Refusal, Stated, assemble_named},
 };
 use crate::{atomic::read_file, error::Error, text::utf8_text};
@@ -194,13 +194,7 @@ impl<'a, 'i> Sensor<'a, 'i> {
             false if brown == BrownConrady::default() => Distortion::None,
             false => Distortion::BrownConrady(brown),
         };
-        Ok(Intrinsics {
-            focal: Focal::Lengths(dvec2(f + b1, f)),
-            center: Some(0.5 * size + dvec2(cx, cy)),
-            size: Some(size),
-            distortion,
-            circle: None,
-        })
+        Ok(Intrinsics::new(dvec2(f + b1, f), Some(0.5 * size + dvec2(cx, cy)), size, distortion))
     }
 
     /// The numbers with their names, for messages.

@@ -21,7 +21,7 @@ use serde_json::{Map, Value};
 
 use super::{
     Dataset, DatasetKind, DatasetSettings, Remark, Skip,
-    camera::{Focal, Intrinsics, Pose},
+    camera::{Intrinsics, Pose},
     read::{
         CameraFields, Draft, IMAGE_FOLDERS, Number, Parts, Place, Refusal, Stated, WorldPoint, assemble_named, parse,
         shown, whole,
@@ -165,13 +165,7 @@ impl Camera<'_> {
         let center = dvec2(offset("c_x")?, offset("c_y")?);
         let distortion = self.fields.distortion(FISHEYE.contains(&kind))?;
         let longer = size.max_element();
-        Ok(Intrinsics {
-            focal: Focal::Lengths(focal * longer),
-            center: Some(0.5 * size + center * longer),
-            size: Some(size),
-            distortion,
-            circle: None,
-        })
+        Ok(Intrinsics::new(focal * longer, Some(0.5 * size + center * longer), size, distortion))
     }
 
     /// The numbers with their keys, for messages.

@@ -1,7 +1,7 @@
 //! The image files of a folder.
 
 use std::{
-    fs,
+    fs, io,
     path::{Path, PathBuf},
 };
 
@@ -40,9 +40,7 @@ pub(crate) fn how_to_convert(photograph: &Path) -> String {
 /// of those that can: "4 photographs that cannot be read: ...". `None` for any other folder.
 pub fn unreadable_photographs(folder: impl AsRef<Path>) -> Option<String> {
     let readable = image_files(&folder).ok()?.len();
-    let paths = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
-    let mut files: Vec<PathBuf> = paths.filter(|path| is_unreadable(path)).collect();
-    files.sort();
+    let files = named(folder.as_ref(), &UNREADABLE).ok()?;
     let first = files.first().filter(|_| files.len() > readable)?;
     let name = first.file_name()?.to_string_lossy();
     Some(format!("{}, such as {name}, which {}", gs_core::counted(files.len(), "photograph"), how_to_convert(first)))
@@ -51,12 +49,7 @@ pub fn unreadable_photographs(folder: impl AsRef<Path>) -> Option<String> {
 /// The HEIC photographs in a folder, without those of folders in it, by their names; sorted. None where the
 /// folder cannot be read.
 pub fn heic_files(folder: impl AsRef<Path>) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let visible = entries.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
-    let mut files: Vec<PathBuf> = visible.map(|entry| entry.path()).collect();
-    files.retain(|path| ends_in(path, &UNREADABLE[..HEIC]) && path.is_file());
-    files.sort();
-    files
+    named(folder.as_ref(), &UNREADABLE[..HEIC]).unwrap_or_default()
 }
 
 /// The files in a folder, without those of folders in it, whose names end as an image's do; sorted.
@@ -65,16 +58,14 @@ pub fn heic_files(folder: impl AsRef<Path>) -> Vec<PathBuf> {
 /// # Errors
 /// [`Error::Read`] where the folder cannot be read.
 pub fn image_files(folder: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
-    let folder = folder.as_ref();
-    let failed = |source| Error::read(folder, source);
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        let path = entry.path();
-        if !entry.file_name().to_string_lossy().starts_with('.') && ends_in(&path, &ENDINGS) && path.is_file() {
-            files.push(path);
-        }
-    }
+    named(folder.as_ref(), &ENDINGS).map_err(|source| Error::read(folder.as_ref(), source))
+}
+
+/// The files in a folder with one of these endings, sorted, without hidden ones.
+fn named(folder: &Path, endings: &[&str]) -> io::Result<Vec<PathBuf>> {
+    let mut files = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>()?;
+    let is_hidden = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+    files.retain(|path| !is_hidden(path) && ends_in(path, endings) && path.is_file());
     files.sort();
     Ok(files)
 }

@@ -20,6 +20,11 @@ pub(crate) struct Intrinsics {
 }
 
 impl Intrinsics {
+    /// Those of an image of `size` px with these focal lengths, px.
+    pub(crate) fn new(focal: DVec2, center: Option<DVec2>, size: DVec2, distortion: Distortion) -> Self {
+        Self { focal: Focal::Lengths(focal), center, size: Some(size), distortion, circle: None }
+    }
+
     /// Those of a 360° image of this size.
     pub(crate) fn panorama(size: Option<DVec2>) -> Self {
         let distortion = Distortion::Equirectangular { face: CubeFace::default() };

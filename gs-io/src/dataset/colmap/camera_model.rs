@@ -9,7 +9,7 @@ use glam::{DVec2, dvec2};
 use crate::{
     dataset::{
         AriaFisheye, BrownConrady, Distortion, Fisheye, Skip,
-        camera::{Focal, Intrinsics, is_two_to_one},
+        camera::{Intrinsics, is_two_to_one},
     },
     error::Error,
 };
@@ -83,13 +83,7 @@ impl CameraModel {
             _ => return Ok(Intrinsics::panorama(Some(size))),
         };
         let distortion = self.distortion(rest).ok_or(Skip::BadCamera)?;
-        Ok(Intrinsics {
-            focal: Focal::Lengths(focal),
-            center: Some(center),
-            size: Some(size),
-            distortion,
-            circle: None,
-        })
+        Ok(Intrinsics::new(focal, Some(center), size, distortion))
     }
 
     /// The distortion by the parameters after the principal point; `None` if their number is wrong.

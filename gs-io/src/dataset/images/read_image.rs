@@ -44,9 +44,9 @@ impl View {
     /// there is alpha, clamped to the range of the contributing pixels.
     ///
     /// # Errors
-    /// Those of [`read_image_on`](crate::read_image_on) for image and mask, in
-    /// [`Error::BadView`] if they concern the content; [`Error::Unusable`] if a shape has changed
-    /// since the data set was opened.
+    /// Those of [`read_image_on`](crate::read_image_on) for image and mask, with the advice to remove the
+    /// file if they concern its content; [`Error::Unusable`] if a shape has changed since the data set was
+    /// opened.
     pub fn read_image(&self) -> Result<PosedImage, Error> {
         self.read_compact()?.to_posed().map_err(Error::content(&self.image))
     }
@@ -168,8 +168,10 @@ fn without_alpha<S: Sample>(pixels: Pixels<S>, mask: &mut Option<Vec<bool>>) -> 
 
 /// Advises to leave out a file that seemed whole when the data set was opened.
 fn leave_out(error: Error) -> Error {
+    let too = |advice: &str| format!("{advice}, or remove the file, and the view is left out");
     match error {
-        Error::NotAnImage { .. } | Error::Unusable { .. } => Error::BadView(Box::new(error)),
+        Error::NotAnImage { path, found, hint } => Error::NotAnImage { path, found, hint: too(&hint) },
+        Error::Unusable { path, problem, remedy } => Error::unusable(&path, problem, too(&remedy)),
         other => other,
     }
 }

@@ -162,9 +162,7 @@ fn images_that_are_cut_short_are_skipped_and_not_trained_with() {
     let middle = png.len() / 2;
     png[middle] ^= 0x55;
     fs::write(name(4), &png).unwrap();
-    let error = view.read_image().unwrap_err();
-    assert!(matches!(error, Error::BadView(_)), "{error}");
-    let error = error.to_string();
+    let error = view.read_image().unwrap_err().to_string();
     assert!(
         error.contains("view 004.png: damaged PNG") && error.ends_with("or remove the file, and the view is left out"),
         "{error}"

@@ -80,8 +80,7 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
     }
     // A negative scale identifies a draft, whose scales are all logarithms.
     let draft = parts.iter().any(|part| part.scales.iter().flatten().any(|&scale| scale < 0.0));
-    let sh_degree = parts.iter().map(|part| part.scene.sh_degree).max().unwrap_or(0);
-    let mut whole = Scene3d { sh_degree, ..Scene3d::default() };
+    let mut whole = Scene3d::default();
     let mut losses = Vec::new();
     let said = places.iter().map(|place| TrainedWith::of_extras(&place.primitive.extras));
     let mut trained_with = said.reduce(TrainedWith::in_common).unwrap_or_default();
@@ -94,19 +93,13 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
         if linear_light {
             let len = scene.sh_len();
             scene.sh.chunks_exact_mut(len).for_each(linear_light::to_srgb);
-            losses.push(ConversionLoss::LinearLight);
+            ConversionLoss::merge(&mut losses, [ConversionLoss::LinearLight]);
         }
-        losses.extend(transform(&mut scene, map));
-        append(&mut whole, scene);
+        ConversionLoss::merge(&mut losses, transform(&mut scene, map));
+        whole.append(scene);
     }
     losses.extend(draft.then_some(ConversionLoss::DraftScales));
-    let mut once: Vec<ConversionLoss> = Vec::new();
-    losses.into_iter().for_each(|loss| {
-        if !once.contains(&loss) {
-            once.push(loss)
-        }
-    });
-    Ok(File3d { losses: once, trained_with, ..File3d::of(format, whole) }.beside(buffers.files))
+    Ok(File3d { losses, trained_with, ..File3d::of(format, whole) }.beside(buffers.files))
 }
 
 /// How each primitive's coordinates become those of the scene, in a frame that `f32` resolves.
@@ -255,19 +248,6 @@ fn read_part(accessors: &Accessors<'_>, place: &Place<'_>) -> Result<Part, Error
     scene.opacity_logits = opacities.into_iter().map(logit).collect();
     scene.log_scales = vec![Vec3::ZERO; count];
     Ok(Part { scene, scales, linear_light })
-}
-
-/// Appends a scene of the same or a lower degree.
-fn append(whole: &mut Scene3d, part: Scene3d) {
-    let (from, to) = (part.sh_len(), whole.sh_len());
-    whole.means.extend(part.means);
-    whole.log_scales.extend(part.log_scales);
-    whole.rotations.extend(part.rotations);
-    whole.opacity_logits.extend(part.opacity_logits);
-    for coefficients in part.sh.chunks_exact(from) {
-        whole.sh.extend(coefficients);
-        whole.sh.extend(std::iter::repeat_n(Vec3::ZERO, to - from));
-    }
 }
 
 fn unsupported(source: &Source<'_>, what: String) -> Error {
