@@ -2,7 +2,7 @@
 
 use std::{fmt, sync::Arc};
 
-use gs_core::{Error, Image, Scene2d, Scene3d};
+use gs_core::{Error, Image};
 
 use crate::{
     kind::Kind,
@@ -35,18 +35,6 @@ pub struct ForwardPass<S: Kind>(Lent<S>);
 
 /// The gradients of a backward pass on the CPU.
 pub struct Gradients<S: Kind>(Lent<S>);
-
-/// A 2D scene's [`ForwardPass`].
-pub type ForwardPass2d = ForwardPass<Scene2d>;
-
-/// A 2D scene's [`Gradients`].
-pub type Gradients2d = Gradients<Scene2d>;
-
-/// A 3D scene's [`ForwardPass`].
-pub type ForwardPass3d = ForwardPass<Scene3d>;
-
-/// A 3D scene's [`Gradients`].
-pub type Gradients3d = Gradients<Scene3d>;
 
 impl<S: Kind> ForwardPass<S> {
     pub(crate) fn new(workspace: Workspace<S::Buffers>, pool: &Arc<Pool<S::Buffers>>) -> Self {

@@ -45,7 +45,7 @@ mod tuning;
 mod unsupported;
 mod workspace;
 
-pub use forward_pass::{ForwardPass, ForwardPass2d, ForwardPass3d, Gradients, Gradients2d, Gradients3d};
+pub use forward_pass::{ForwardPass, Gradients};
 pub use level::SimdLevel;
 pub use rasterizer::{CpuRasterizer, CpuSettings};
 pub use scene2d::Splats2d;

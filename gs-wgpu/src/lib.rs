@@ -50,7 +50,6 @@ mod tiles;
 mod timestamps;
 mod workspace;
 
-use gs_core::{Scene2d, Scene3d};
 pub use wgpu;
 
 pub use crate::{
@@ -63,21 +62,3 @@ pub use crate::{
     splats::Splats,
     target::Target,
 };
-
-/// 2D Gaussians on a device.
-pub type Splats2d = Splats<Scene2d>;
-
-/// 3D Gaussians on a device.
-pub type Splats3d = Splats<Scene3d>;
-
-/// A forward pass of a 2D scene.
-pub type ForwardPass2d = ForwardPass<Scene2d>;
-
-/// A forward pass of a 3D scene.
-pub type ForwardPass3d = ForwardPass<Scene3d>;
-
-/// The gradients of a 2D scene.
-pub type Gradients2d = Gradients<Scene2d>;
-
-/// The gradients of a 3D scene.
-pub type Gradients3d = Gradients<Scene3d>;

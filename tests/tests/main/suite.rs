@@ -11,7 +11,7 @@ use gs_core::{
     Optimizer, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Blend, Statistics},
 };
-use gs_cpu::{CpuRasterizer, CpuSettings, ForwardPass2d, Gradients2d, Splats2d, Target};
+use gs_cpu::{CpuRasterizer, CpuSettings, ForwardPass, Gradients, Splats2d, Target};
 
 /// The fault of the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,7 +100,7 @@ impl DerefMut for Kept {
 impl Sabotaged {
     fn sound(
         &self,
-    ) -> &impl Optimizer<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
+    ) -> &impl Optimizer<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass<Scene2d>, Gradients = Gradients<Scene2d>, Target = Target>
     {
         self.sound.for_2d()
     }

@@ -24,7 +24,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{
-    Gradients2d, Kernels, STEPS_IN_FLIGHT, Splats2d, Target, WgpuRasterizer, WgpuSettings, adapters,
+    Gradients, Kernels, STEPS_IN_FLIGHT, Splats, Target, WgpuRasterizer, WgpuSettings, adapters,
 };
 use proptest::prelude::*;
 

@@ -8,7 +8,7 @@ struct Training<'r> {
     r: &'r WgpuRasterizer,
     draw: Draw,
     target: Target,
-    splats: Splats2d,
+    splats: Splats<Scene2d>,
 }
 
 impl<'r> Training<'r> {
@@ -144,7 +144,7 @@ fn repeated_steps_end_at_the_same_bits() {
 }
 
 /// Calls on splats with pending steps; gradients are from before.
-type Look = fn(&mut Training<'_>, &Gradients2d) -> Vec<f32>;
+type Look = fn(&mut Training<'_>, &Gradients<Scene2d>) -> Vec<f32>;
 
 fn numbers(state: &SplatsState) -> Vec<f32> {
     bits(state).into_values().flatten().map(f32::from_bits).collect()
