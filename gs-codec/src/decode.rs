@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::{
     coder::Decoder,
     error::Error,
-    file::{ALPHA, Checksum, MAGIC, MOST_PER_BYTE, PROFILE, Part, VERSION, check_layer, layers_error, order},
+    file::{ALPHA, Checksum, MAGIC, MOST_PER_BYTE, PROFILE, Part, VERSION, check_layer, layer_count, order},
     layer::{LayerHead, code_layer},
     profile,
     quantizer::Quantizer,
@@ -89,13 +89,11 @@ pub fn decode(bytes: &[u8], extent: Extent) -> Result<Decoded, Error> {
         gaussians.into_iter().for_each(|gaussian| scene.push(gaussian));
     }
     decoded.layers.0 = layers.iter().filter(|layer| layer.complete).count();
-    match bytes.len() - reader.place {
-        0 => Ok(decoded),
-        _ if decoded.layers.0 < decoded.layers.1 => Ok(decoded),
-        more => {
-            Err(Error::Value { what: "the number of bytes after the last layer", value: more as i64, allowed: "0" })
-        }
+    if decoded.layers.0 == decoded.layers.1 {
+        let more = (bytes.len() - reader.place) as i64;
+        Error::within("the number of bytes after the last layer", more, 0..=0, "0")?;
     }
+    Ok(decoded)
 }
 
 /// Reads a file from its beginning.
@@ -165,10 +163,8 @@ impl<'a> Reader<'a> {
     }
 
     fn layer_count(&mut self) -> Result<usize, Error> {
-        match self.array()? {
-            [0] => Err(layers_error(0)),
-            [count] => Ok(count.into()),
-        }
+        let [count] = self.array()?;
+        layer_count(count.into()).map(usize::from)
     }
 
     fn profile(&mut self) -> Result<Vec<u8>, Error> {
@@ -196,10 +192,9 @@ impl<'a> Reader<'a> {
         let quantizer = Quantizer::new(head, size);
         let rows = first as u32..(first + rows) as u32;
         check_layer(&quantizer, &rows, count)?;
-        if count > length.saturating_mul(MOST_PER_BYTE) {
-            let (what, allowed) = ("the number of Gaussians of a layer", "at most 8 for each of its bytes");
-            return Err(Error::Value { what, value: count as i64, allowed });
-        }
+        let most = length.saturating_mul(MOST_PER_BYTE) as i64;
+        let allowed = "at most 8 for each of its bytes";
+        Error::within("the number of Gaussians of a layer", count as i64, 0..=most, allowed)?;
         Ok(StoredLayer { quantizer, rows, count, content, complete })
     }
 }

@@ -1,5 +1,7 @@
 //! Errors of reading and making files.
 
+use std::ops::RangeInclusive;
+
 use thiserror::Error;
 
 /// Why bytes are not a `.gsi` file that can be decoded, or Gaussians cannot be stored as one.
@@ -47,4 +49,16 @@ pub enum Error {
     /// The Gaussians cannot be stored.
     #[error(transparent)]
     Core(#[from] gs_core::Error),
+}
+
+impl Error {
+    /// [`Self::Value`] where `value` is not in `range`, which `allowed` says in words.
+    pub(crate) fn within(
+        what: &'static str,
+        value: i64,
+        range: RangeInclusive<i64>,
+        allowed: &'static str,
+    ) -> Result<(), Self> {
+        if range.contains(&value) { Ok(()) } else { Err(Self::Value { what, value, allowed }) }
+    }
 }

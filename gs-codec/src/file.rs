@@ -163,9 +163,9 @@ impl Picture {
         bytes.extend([VERSION, flags]);
         bytes.extend([self.width, self.height].map(|side| (side as u16).to_le_bytes()).concat());
         bytes.extend(self.background);
-        bytes.push(layer_count(&self.layers)?);
+        bytes.push(layer_count(self.layers.len())?);
         if let Some(Alpha { background, layers }) = alpha {
-            bytes.extend([*background, layer_count(layers)?]);
+            bytes.extend([*background, layer_count(layers.len())?]);
         }
         if !self.profile.is_empty() {
             bytes.extend(profile::pack(&self.profile)?);
@@ -189,25 +189,16 @@ fn rows_of(sorted: &[Code]) -> Range<u32> {
 /// Checks the numbers of a layer's head.
 pub(crate) fn check_layer(quantizer: &Quantizer, rows: &Range<u32>, count: usize) -> Result<(), Error> {
     let LayerHead { step, cell, mean_ratio, shape_ratio, turn_ratio, .. } = *quantizer.head();
-    if step.unsigned_abs() > LayerHead::MOST_STEP.unsigned_abs() {
-        let (what, allowed) = ("the step of a layer", "-4096 to 4096");
-        return Err(Error::Value { what, value: step.into(), allowed });
-    }
+    let most = i64::from(LayerHead::MOST_STEP);
+    Error::within("the step of a layer", step.into(), -most..=most, "-4096 to 4096")?;
     let least = cell.min(mean_ratio).min(shape_ratio).min(turn_ratio);
-    if least == 0 {
-        return Err(Error::Value { what: "the cell size or a ratio of a layer", value: 0, allowed: "1 to 255" });
-    }
+    Error::within("the cell size or a ratio of a layer", least.into(), 1..=255, "1 to 255")?;
     let grid = quantizer.grid();
-    if rows.end > grid.rows {
-        let (what, allowed) = ("the last row of cells of a layer", "within its grid");
-        return Err(Error::Value { what, value: rows.end.into(), allowed });
-    }
-    let cells = u64::from(grid.columns) * rows.len() as u64;
-    if cells > most_cells(count) {
-        let allowed = "at most 16 for each Gaussian, and 65,536";
-        return Err(Error::Value { what: "the number of cells of a layer", value: cells as i64, allowed });
-    }
-    Ok(())
+    let last = 0..=grid.rows.into();
+    Error::within("the last row of cells of a layer", rows.end.into(), last, "within its grid")?;
+    let cells = i64::from(grid.columns) * rows.len() as i64;
+    let (most, allowed) = (most_cells(count) as i64, "at most 16 for each Gaussian, and 65,536");
+    Error::within("the number of cells of a layer", cells, 0..=most, allowed)
 }
 
 fn most_cells(gaussians: usize) -> u64 {
@@ -227,15 +218,8 @@ impl LayerHead {
     }
 }
 
-fn layer_count(layers: &[Layer]) -> Result<u8, Error> {
-    match u8::try_from(layers.len()) {
-        Ok(count) if count > 0 => Ok(count),
-        _ => Err(layers_error(layers.len())),
-    }
-}
-
-pub(crate) fn layers_error(count: usize) -> Error {
-    Error::Value { what: "the number of layers", value: count as i64, allowed: "1 to 255" }
+pub(crate) fn layer_count(count: usize) -> Result<u8, Error> {
+    Error::within("the number of layers", count as i64, 1..=255, "1 to 255").map(|()| count as u8)
 }
 
 fn push_number(bytes: &mut Vec<u8>, mut number: usize) {

@@ -33,32 +33,14 @@ impl Grid {
         !(inside(column, self.columns) && inside(row, self.rows))
     }
 
-    /// x of a (column, place) where a cell has this many places, px.
-    pub(crate) fn x(&self, place: (u32, u32), places: u32) -> f64 {
-        self.at(place, places)
-    }
-
-    /// y of a (row, place), px.
-    pub(crate) fn y(&self, place: (u32, u32), places: u32) -> f64 {
-        self.at(place, places)
-    }
-
-    /// The nearest (column, place) of an x, px.
-    pub(crate) fn rounded_x(&self, x: f64, places: u32) -> (u32, u32) {
-        self.rounded(x, places, self.columns)
-    }
-
-    /// The nearest (row, place) of a y, px.
-    pub(crate) fn rounded_y(&self, y: f64, places: u32) -> (u32, u32) {
-        self.rounded(y, places, self.rows)
-    }
-
-    fn at(&self, (cell, place): (u32, u32), places: u32) -> f64 {
+    /// x or y of a (column or row, place) where a cell has this many places, px.
+    pub(crate) fn at(&self, (cell, place): (u32, u32), places: u32) -> f64 {
         let within = (f64::from(place) + 0.5) / f64::from(places);
         (f64::from(cell) - f64::from(self.margin) + within) * f64::from(self.cell)
     }
 
-    fn rounded(&self, value: f64, places: u32, cells: u32) -> (u32, u32) {
+    /// The nearest (column or row, place) of an x or y, px, of this many columns or rows.
+    pub(crate) fn rounded(&self, value: f64, places: u32, cells: u32) -> (u32, u32) {
         let all = f64::from(cells) * f64::from(places) - 1.0;
         let place = (value / f64::from(self.cell) + f64::from(self.margin)) * f64::from(places);
         let place = place.floor().clamp(0.0, all) as u64;

@@ -37,8 +37,6 @@ fn compressed(profile: &[u8]) -> Vec<u8> {
 }
 
 fn check_length(length: usize) -> Result<(), Error> {
-    if (1..=MOST_BYTES).contains(&length) {
-        return Ok(());
-    }
-    Err(Error::Value { what: "the length of the colour profile", value: length as i64, allowed: "1 to 65,535 bytes" })
+    let range = 1..=MOST_BYTES as i64;
+    Error::within("the length of the colour profile", length as i64, range, "1 to 65,535 bytes")
 }

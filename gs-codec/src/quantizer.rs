@@ -105,11 +105,12 @@ impl Quantizer {
         let shape = shape(area * steps.log, aspect * steps.log, turn, directions);
         let (columns, rows) = self.places(&steps, &shape);
         let mean = g.mean.as_dvec2();
-        let y = self.grid.rounded_y(mean.y, rows);
+        let y = self.grid.rounded(mean.y, rows, self.grid.rows);
         // A needle moves along itself by what its row is off.
         let [large, small] = shape.scales.map(|s| s * s);
         let (yy, xy) = (large * shape.sin2 + small * (1.0 - shape.sin2), (large - small) * shape.sin_cos);
-        let x = self.grid.rounded_x(mean.x - xy / yy * (mean.y - self.grid.y(y, rows)), columns);
+        let x = mean.x - xy / yy * (mean.y - self.grid.at(y, rows));
+        let x = self.grid.rounded(x, columns, self.grid.columns);
         Some(Code { amplitude, area, aspect, turn, column: x.0, row: y.0, x: x.1, y: y.1 })
     }
 
@@ -156,7 +157,7 @@ impl Quantizer {
         let directions = self.directions(&steps, aspect);
         let (columns, rows) = self.places_of(code, &steps, directions);
         let octave = std::f64::consts::LN_2 / f64::from(OCTAVE);
-        let mean = [self.grid.x((code.column, code.x), columns), self.grid.y((code.row, code.y), rows)];
+        let mean = [self.grid.at((code.column, code.x), columns), self.grid.at((code.row, code.y), rows)];
         let color = self.step / (std::f64::consts::PI * exp2(2 * area)).sqrt();
         let along = AXES.iter().zip(code.amplitude).map(|(&axis, q)| axis * f64::from(q));
         Gaussian2d {
