@@ -8,8 +8,8 @@ use std::{fmt, sync::PoisonError};
 
 use gs_core::{
     AdamRates, Added, Backend, Binning, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss,
-    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, SplatsState, TargetImage, TrainStep,
-    Wait, check_same_size, counted,
+    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, SplatsState, TargetImage,
+    TrainStep, Wait, check_same_size, counted,
 };
 
 use crate::{

@@ -5,8 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 use gs_backend::{AnyRasterizer, AnySplats};
 use gs_core::{
-    Camera, Canvas, Choice as _, Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene2d,
-    Scene3d,
+    Camera, Canvas, Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene2d, Scene3d,
     effects::{Antialias, Order},
     view::Bulk,
 };
@@ -66,8 +65,8 @@ struct Frame {
     camera: Option<Pose>,
     /// The rectangle of a 2D scene: left, top, width, height, px of its image.
     rectangle: Option<[f32; 4]>,
-    order: Option<String>,
-    antialias: Option<String>,
+    order: Option<Order>,
+    antialias: Option<Antialias>,
     sh_degree: Option<u8>,
     background: Option<[f32; 3]>,
 }
@@ -176,12 +175,8 @@ impl View {
     async fn draw(&self, frame: &Frame) -> Result<Image, JsError> {
         let mut settings = self.settings();
         let effects = &mut settings.effects;
-        if let Some(order) = &frame.order {
-            effects.order = Order::from_name(order).ok_or_else(|| JsError::new("no such order"))?;
-        }
-        if let Some(antialias) = &frame.antialias {
-            effects.antialias = Antialias::from_name(antialias).ok_or_else(|| JsError::new("no such antialiasing"))?;
-        }
+        effects.order = frame.order.unwrap_or(effects.order);
+        effects.antialias = frame.antialias.unwrap_or(effects.antialias);
         effects.sh_degree = frame.sh_degree.map_or(effects.sh_degree, |degree| degree.min(effects.sh_degree));
         if let Some(background) = frame.background {
             settings = settings.on(background);

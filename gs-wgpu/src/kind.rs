@@ -8,11 +8,11 @@ use gs_core::{AdamRates, Error, Parameterization, RenderSettings, Scene, SplatsS
 
 use crate::{
     dispatch::Commands,
+    fault::unsupported,
     gpu::Gpu,
     layout::Step,
     splats::{Edit, Splats},
     target::Target,
-    fault::unsupported,
     workspace::{Pool, Pools, Workspace},
 };
 

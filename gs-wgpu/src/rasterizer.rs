@@ -4,7 +4,8 @@ use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
 
 use gs_core::{
     AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
-    Optimizer, Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait, check_same_size,
+    Optimizer, Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait,
+    check_same_size,
 };
 
 use crate::{
@@ -12,6 +13,7 @@ use crate::{
     adapter::AdapterSummary,
     blend::Differentiated,
     dispatch::Commands,
+    fault::unsupported,
     forward_pass::{ForwardPass, Gradients},
     gpu::{Gpu, STORAGE, UNIFORM},
     in_flight::Request,
@@ -20,7 +22,6 @@ use crate::{
     shaders::Kernels,
     splats::Splats,
     target::Target,
-    fault::unsupported,
     workspace::{Pools, Workspace},
 };
 

@@ -1,13 +1,13 @@
 //! A state whose numbers are passed on row by row instead of being held in memory.
 
-use std::fmt;
+use std::{fmt, rc::Rc};
 
 use super::{SplatsState, Tensor, TensorData};
 use crate::adam::Parameterization;
 
 /// The same as a [`SplatsState`], without the memory for it: the numbers are passed from where the
 /// backend holds them to where they are written.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct SavedState<'a> {
     /// Coordinates in which the optimizer moves.
     pub parameterization: Parameterization,
@@ -28,6 +28,7 @@ pub enum TensorType {
 type Pass<'a> = dyn Fn(&mut dyn FnMut(&[u32])) + 'a;
 
 /// A tensor of a [`SavedState`].
+#[derive(Clone)]
 pub struct SavedTensor<'a> {
     /// Name in the state.
     pub name: String,
@@ -35,7 +36,7 @@ pub struct SavedTensor<'a> {
     pub shape: Vec<usize>,
     /// Type of the numbers.
     pub numbers: TensorType,
-    pass: Box<Pass<'a>>,
+    pass: Rc<Pass<'a>>,
 }
 
 impl<'a> SavedTensor<'a> {
@@ -47,7 +48,7 @@ impl<'a> SavedTensor<'a> {
         numbers: TensorType,
         pass: impl Fn(&mut dyn FnMut(&[u32])) + 'a,
     ) -> Self {
-        Self { name: name.into(), shape, numbers, pass: Box::new(pass) }
+        Self { name: name.into(), shape, numbers, pass: Rc::new(pass) }
     }
 
     /// Passes all numbers to `to`, piece by piece, row-major. Floats are passed as their bits.
@@ -111,11 +112,7 @@ impl<'a> From<&'a SplatsState> for SavedState<'a> {
 
 impl<'a> From<&'a SavedState<'_>> for SavedState<'a> {
     fn from(state: &'a SavedState<'_>) -> Self {
-        let tensors = state
-            .tensors
-            .iter()
-            .map(|tensor| SavedTensor::new(&tensor.name, tensor.shape.clone(), tensor.numbers, |to| tensor.pass(to)));
-        Self { parameterization: state.parameterization, tensors: tensors.collect() }
+        state.clone()
     }
 }
 

@@ -53,9 +53,9 @@ impl SplatsState {
     /// [`Error::State`] where the tensor `sh` is missing or of no degree.
     pub fn sh_degree(&self) -> Result<u8, Error> {
         let (columns, _) = self.matrix("sh")?;
-        (0..=3).find(|&degree| 3 * coefficients(degree) == columns).ok_or_else(|| {
-            Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48"))
-        })
+        (0..=3)
+            .find(|&degree| 3 * coefficients(degree) == columns)
+            .ok_or_else(|| Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")))
     }
 
     /// The 3D scene of the state; as [`Self::scene_2d`].

@@ -121,6 +121,13 @@ pub struct Birth<G> {
     pub place: Place,
 }
 
+impl<G> Birth<G> {
+    /// A seed: a new Gaussian without a parent, before all others.
+    pub fn seed(gaussian: G) -> Self {
+        Self { gaussian, parent: None, moments: Moments::Fresh, origin: Origin::Seed, place: Place::First }
+    }
+}
+
 /// What an edit does with the statistics of all Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AfterEdit {

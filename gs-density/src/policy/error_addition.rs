@@ -1,11 +1,7 @@
 //! Image-GS: addition in proportion to the error.
 
 use glam::Vec3;
-use gs_core::{
-    EditPlan, Error, Gaussian2d, Scene2d,
-    edit::{Birth, Moments, Origin, Place},
-    logit,
-};
+use gs_core::{EditPlan, Error, Gaussian2d, Scene2d, edit::Birth, logit};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -122,13 +118,7 @@ impl DensityPolicy for ErrorAddition {
         let removed = Prune::NOT_FINITE_ONLY.removals(observation);
         let kept = scene.means.len() - removed.len();
         let pixels = draw(&self.weights(residual), self.target(observation).saturating_sub(kept), rng);
-        let birth = |&pixel: &usize| Birth {
-            gaussian: self.gaussian(residual, pixel, scene.has_opacity()),
-            parent: None,
-            moments: Moments::Fresh,
-            origin: Origin::Seed,
-            place: Place::First,
-        };
+        let birth = |&pixel: &usize| Birth::seed(self.gaussian(residual, pixel, scene.has_opacity()));
         Ok(EditPlan { removed, added: pixels.iter().map(birth).collect(), ..EditPlan::default() })
     }
 

@@ -4,7 +4,7 @@
 use glam::Vec3;
 use gs_core::{
     EditPlan, Error, Gaussian2d, Scene, Scene2d, check_len,
-    edit::{AfterEdit, Birth, Moments, Origin, Place, PruneCause, Removal},
+    edit::{AfterEdit, Birth, PruneCause, Removal},
     logit, sigmoid,
 };
 use serde::{Deserialize, Serialize};
@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::rule::Rule;
 use crate::{
     observation::{DensityPolicy, Needs, Observation, Residual, Rng},
+    round::Prune,
     seed::{Plane, Seeding, mean_around},
 };
 
@@ -95,7 +96,8 @@ impl Default for ResidualGrowth {
 
 impl Rule for ResidualGrowth {
     fn validate(&self) -> Result<(), Error> {
-        let positive = |what, value: f32| Error::within(what, value, f32::MIN_POSITIVE..=f32::MAX, "positive and finite");
+        let positive =
+            |what, value: f32| Error::within(what, value, f32::MIN_POSITIVE..=f32::MAX, "positive and finite");
         for (what, share) in [
             ("start-fraction", self.start_fraction),
             ("growth-fraction", self.growth_fraction),
@@ -109,7 +111,12 @@ impl Rule for ResidualGrowth {
         positive("max-per-pixel", self.max_per_pixel)?;
         positive("sigma-factor", self.sigma_factor)?;
         positive("min-sigma-px", self.min_sigma_px)?;
-        Error::within("max-sigma-px", self.max_sigma_px, self.min_sigma_px..=f32::MAX, "finite, at least min-sigma-px")?;
+        Error::within(
+            "max-sigma-px",
+            self.max_sigma_px,
+            self.min_sigma_px..=f32::MAX,
+            "finite, at least min-sigma-px",
+        )?;
         Error::within("max-aspect", self.max_aspect, 1.0..=f32::MAX, "finite and at least 1")?;
         Error::within("color-share", self.color_share, f32::MIN..=f32::MAX, "finite")?;
         Error::within("opacity", self.opacity, f32::MIN_POSITIVE..1.0, "above 0 and below 1")
@@ -126,20 +133,12 @@ impl DensityPolicy for ResidualGrowth {
         };
         residual.check()?;
 
-        let (removed, added) = self.census(observation, not_finite(scene).count());
+        let broken = Prune::NOT_FINITE_ONLY.removals(observation);
+        let (removed, added) = self.census(observation, broken.len());
         let added = self.seeds(residual, scene.has_opacity(), added, rng);
         Ok(EditPlan {
-            removed: least_important(scene, residual, removed),
-            added: added
-                .into_iter()
-                .map(|gaussian| Birth {
-                    gaussian,
-                    parent: None,
-                    moments: Moments::Fresh,
-                    origin: Origin::Seed,
-                    place: Place::First,
-                })
-                .collect(),
+            removed: least_important(scene, residual, &broken, removed),
+            added: added.into_iter().map(Birth::seed).collect(),
             statistics: AfterEdit::Restart,
             ..EditPlan::default()
         })
@@ -251,22 +250,9 @@ impl Power {
     }
 }
 
-/// Indices of the Gaussians with a NaN or infinite parameter (an infinite opacity logit is
-/// legitimate).
-fn not_finite(scene: &Scene2d) -> impl Iterator<Item = usize> + '_ {
-    let finite = |i: usize| {
-        scene.means[i].is_finite()
-            && scene.log_scales[i].is_finite()
-            && scene.rotations[i].is_finite()
-            && scene.colors[i].is_finite()
-            && !(scene.has_opacity() && scene.opacity_logits[i].is_nan())
-    };
-    (0..scene.len()).filter(move |&i| !finite(i))
-}
-
-/// The `count` Gaussians to remove, by index: those that are not finite first, then the least
-/// important; among equals the first.
-fn least_important(scene: &Scene2d, residual: &Residual, count: usize) -> Vec<Removal> {
+/// The `count` Gaussians to remove, by index: first the broken ones, which are not finite, then the
+/// least important; among equals the first.
+fn least_important(scene: &Scene2d, residual: &Residual, broken: &[Removal], count: usize) -> Vec<Removal> {
     // Importance and index in one number: the bits of a positive `f32` are ordered as its values.
     let mut keys: Vec<u64> = (0..scene.len())
         .map(|i| {
@@ -274,8 +260,8 @@ fn least_important(scene: &Scene2d, residual: &Residual, count: usize) -> Vec<Re
             u64::from(importance.max(f32::MIN_POSITIVE).to_bits()) << 32 | i as u64
         })
         .collect();
-    for i in not_finite(scene) {
-        keys[i] = i as u64;
+    for removal in broken {
+        keys[removal.index as usize] = removal.index.into();
     }
     if count < keys.len() {
         keys.select_nth_unstable(count);

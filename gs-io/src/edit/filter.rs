@@ -31,48 +31,32 @@ fn color(scene: &Scene3d, index: usize) -> [f32; 3] {
 /// (0 to 1), size and thickness (the standard deviation along the longest and the shortest axis, world units), x, y, z,
 /// red, green and blue (without what depends on the direction), and contribution: the sum of the Gaussian's blending
 /// weights in the view where it is largest, px, which only views can tell ([`Self::needs_views`]).
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filter {
-    property: &'static Property,
-    comparison: Comparison,
+    /// Its place in [`PROPERTIES`].
+    property: usize,
+    /// Whether it asks for more than the number, or for less.
+    more: bool,
+    or_equal: bool,
     number: f32,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Comparison {
-    Less,
-    LessOrEqual,
-    More,
-    MoreOrEqual,
-}
-
-impl PartialEq for Filter {
-    fn eq(&self, other: &Self) -> bool {
-        (self.property.0, self.comparison, self.number) == (other.property.0, other.comparison, other.number)
-    }
 }
 
 impl FromStr for Filter {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (at, comparison, length) = text
+        let at = text
             .find(['<', '>'])
-            .map(|at| match (&text[at..=at], text[at + 1..].starts_with('=')) {
-                ("<", false) => (at, Comparison::Less, 1),
-                ("<", true) => (at, Comparison::LessOrEqual, 2),
-                (_, false) => (at, Comparison::More, 1),
-                (_, true) => (at, Comparison::MoreOrEqual, 2),
-            })
             .ok_or_else(|| "a filter is a property, <, <=, > or >=, and a number, such as opacity<0.02".to_owned())?;
-        let name = text[..at].trim();
-        let property = PROPERTIES.iter().find(|(known, _)| *known == name).ok_or_else(|| {
+        let (name, more, number) = (text[..at].trim(), text[at..].starts_with('>'), &text[at + 1..]);
+        let or_equal = number.starts_with('=');
+        let property = PROPERTIES.iter().position(|(known, _)| *known == name).ok_or_else(|| {
             let names = PROPERTIES.map(|(name, _)| name).join(", ");
             format!("`{name}` is no property of a Gaussian: use {names}")
         })?;
-        let number = text[at + length..].trim();
+        let number = number.strip_prefix('=').unwrap_or(number).trim();
         match number.parse::<f32>() {
-            Ok(value) if value.is_finite() => Ok(Self { property, comparison, number: value }),
+            Ok(value) if value.is_finite() => Ok(Self { property, more, or_equal, number: value }),
             _ => Err(format!("`{number}` is not a number of 32 bits")),
         }
     }
@@ -81,22 +65,18 @@ impl FromStr for Filter {
 impl Filter {
     /// Whether the property depends on views.
     pub fn needs_views(&self) -> bool {
-        self.property.1.is_none()
+        PROPERTIES[self.property].1.is_none()
     }
 
     /// Which Gaussians it is true of, `[N]`; `None` where that depends on views.
     pub(super) fn holds(&self, scene: &Scene3d) -> Option<Vec<bool>> {
-        let value = self.property.1?;
+        let value = PROPERTIES[self.property].1?;
         Some((0..scene.len()).map(|index| self.is_true_of(value(scene, index))).collect())
     }
 
     /// Whether a Gaussian with this value of the property fulfils it.
     pub fn is_true_of(&self, value: f32) -> bool {
-        match self.comparison {
-            Comparison::Less => value < self.number,
-            Comparison::LessOrEqual => value <= self.number,
-            Comparison::More => value > self.number,
-            Comparison::MoreOrEqual => value >= self.number,
-        }
+        let differs = if self.more { value > self.number } else { value < self.number };
+        differs || self.or_equal && value == self.number
     }
 }

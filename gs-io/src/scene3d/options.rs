@@ -43,7 +43,7 @@ impl WriteOptions3d {
 }
 
 /// A scene to encode.
-pub(super) struct ToWrite<'a> {
+pub(crate) struct ToWrite<'a> {
     pub(super) format: Format3d,
     /// The place of the file, for errors and for the names of further files.
     pub(super) path: &'a Path,

@@ -9,8 +9,7 @@ use std::{
 use glam::Vec3;
 use gs_core::{Gaussian3d, LodNode, Scene, Scene3d};
 use gs_io::{
-    Error, FolderClaim, Format3d, StreamedSog, WriteOptions3d, read_3d, read_scene, write_3d,
-    write_levels_of_parts_3d,
+    Error, FolderClaim, Format3d, StreamedSog, WriteOptions3d, read_3d, read_scene, write_3d, write_levels_of_parts_3d,
 };
 use serde_json::{Value, json};
 use tempfile::TempDir;

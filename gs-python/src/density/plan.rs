@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use gs_core::{
     EditPlan, Scene as _,
-    edit::{Birth, Change, Moments, Origin, Place, PruneCause, Removal},
+    edit::{Birth, Change, Moments, Place, PruneCause, Removal},
 };
 use gs_density::{Actions, DensityScene, Observation, Rng, Round, SizeThreshold};
 use pyo3::{
@@ -162,13 +162,7 @@ impl Plan {
             plan.changed.push(Change { index: moved, gaussian, moments: Moments::Fresh });
         }
         plan.changed.sort_by_key(|change| change.index);
-        let seeds = added.into_iter().map(|gaussian| Birth {
-            gaussian,
-            parent: None,
-            moments: Moments::Fresh,
-            origin: Origin::Seed,
-            place: Place::Last,
-        });
+        let seeds = added.into_iter().map(|gaussian| Birth { place: Place::Last, ..Birth::seed(gaussian) });
         plan.added.extend(seeds);
         let pruned = prune.into_iter().filter(|&index| is_left[index as usize]);
         plan.removed.extend(pruned.map(|index| Removal { index, cause: PruneCause::Unimportant }));

@@ -11,6 +11,7 @@ use gs_core::{
 use super::{solve_colors::solve_colors, state::State2d};
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
+    fault::{BACKEND, unsupported},
     gpu::Gpu,
     kind::{Kind, State as _},
     layout::{BY_GAUSSIAN, Gaussian, Gradient, Step},
@@ -18,7 +19,6 @@ use crate::{
     splats::Splats,
     target::Target,
     tiles::{Growing, groups_of},
-    fault::{BACKEND, unsupported},
     workspace::{Pool, Pools, Workspace},
 };
 

@@ -5,6 +5,7 @@ use gs_core::{Blend, Canvas, Error, RenderSettings, Scene2d, effects::Statistics
 use crate::{
     blend::Differentiated,
     dispatch::{Commands, Groups, dispatch_some},
+    fault::unsupported,
     gpu::Gpu,
     layout::{CONJUGATE_BYTES, Step},
     loss::Comparison,
@@ -12,7 +13,6 @@ use crate::{
     splats::Splats,
     target::Target,
     tiles::groups_of,
-    fault::unsupported,
     workspace::{Pools, Workspace},
 };
 

@@ -100,8 +100,13 @@ impl DerefMut for Kept {
 impl Sabotaged {
     fn sound(
         &self,
-    ) -> &impl Optimizer<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass<Scene2d>, Gradients = Gradients<Scene2d>, Target = Target>
-    {
+    ) -> &impl Optimizer<
+        Scene2d,
+        Splats = Splats2d,
+        ForwardPass = ForwardPass<Scene2d>,
+        Gradients = Gradients<Scene2d>,
+        Target = Target,
+    > {
         self.sound.for_2d()
     }
 

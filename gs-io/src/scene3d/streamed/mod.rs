@@ -26,9 +26,9 @@ use gs_core::{LodNode, Scene, Scene3d};
 
 use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
-pub use self::write::write_levels_of_parts_3d;
-#[cfg(feature = "write")]
 pub(super) use self::write::write;
+#[cfg(feature = "write")]
+pub use self::write::write_levels_of_parts_3d;
 use super::{ConversionLoss, File3d, Format3d, TrainedWith, checked, decode_3d, source::Source};
 use crate::{atomic::read_file, error::Error};
 

@@ -23,9 +23,7 @@ use gs_core::{
     effects::Statistics,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_wgpu::{
-    Gradients, Kernels, STEPS_IN_FLIGHT, Splats, Target, WgpuRasterizer, WgpuSettings, adapters,
-};
+use gs_wgpu::{Gradients, Kernels, STEPS_IN_FLIGHT, Splats, Target, WgpuRasterizer, WgpuSettings, adapters};
 use proptest::prelude::*;
 
 use crate::gpus::rasterizers;
