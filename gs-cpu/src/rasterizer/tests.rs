@@ -1,7 +1,7 @@
 //! Tests of the rasterizer that need its parts.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Adam, Blend, Canvas, Gaussian2d, Participants, Scene, Wait};
+use gs_core::{Adam, Blend, Canvas, Gaussian2d, Participants, Scene, Scene2d, Wait};
 use pollster::FutureExt as _;
 
 use super::*;

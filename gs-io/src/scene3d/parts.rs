@@ -251,7 +251,9 @@ mod tests {
             assert_eq!(super::joined(&whole, 0).unwrap(), Some(file));
             assert_eq!(super::joined(&whole, u64::MAX).unwrap(), None, "small files are read at once");
             // The parts of the scene itself, so that the losses are the same.
-            let part = |numbers: std::ops::Range<usize>| Ok(numbers.map(|index| scene.gaussian(index)).collect());
+            let part = |numbers: std::ops::Range<usize>| {
+                Ok::<Scene3d, Error>(numbers.map(|index| scene.gaussian(index)).collect())
+            };
             let halves = [part(0..100), part(100..scene.len())];
             let found = write_parts_3d::<Error>(&again, scene.len(), &options, halves).unwrap();
             assert_eq!((found.format, found.losses), (written.format, written.losses));

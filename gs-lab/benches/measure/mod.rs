@@ -3,6 +3,7 @@
 use std::error::Error;
 
 use clap::Parser;
+use gs_core::Choice as _;
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 
 /// The result of a benchmark's `main`.
@@ -13,7 +14,7 @@ pub(crate) type Outcome = Result<(), Box<dyn Error>>;
 #[command(about = None, version = None)]
 pub(crate) struct Options {
     /// SIMD level: baseline, avx2 or avx512 [default: the machine's best]
-    #[arg(long)]
+    #[arg(long, value_parser = |name: &str| SimdLevel::from_name(name).ok_or("there is no such level"))]
     pub(crate) level: Option<SimdLevel>,
     /// Largest number of threads [default: as many as the machine offers]
     #[arg(long)]

@@ -1,7 +1,10 @@
 //! Tests of growth by residual: exact counts, the right ones pruned, seeds where the residual is.
 
 use glam::Vec2;
-use gs_core::{DensityStatistics, Image};
+use gs_core::{
+    DensityStatistics, Image,
+    edit::{Moments, Origin},
+};
 use rand::SeedableRng;
 
 use super::*;

@@ -3,7 +3,7 @@
 use std::{fs, num::NonZeroU32, path::Path};
 
 use crate::{
-    Error, ImageRemark,
+    ImageRemark,
     dataset::{DatasetSettings, Remark, Skip, View, read_dataset},
 };
 use gs_core::Image;
