@@ -1,6 +1,6 @@
 //! Stage `bin`: lists the Gaussians that touch each tile, with the rows that they touch.
 //!
-//! Parallel over Gaussians, then over groups of tiles. Bounds are tight by default: an entry covers
+//! Parallel over Gaussians, then over groups of tiles. Bounds are tight: an entry covers
 //! the rows in which the ellipse of the α cut meets the tile's columns, so a Gaussian is not listed
 //! in a tile where all its weights are below the cut. The entries of a tile are in the order of
 //! ranks for every number of threads.
@@ -19,7 +19,6 @@ use crate::{
     level::{Level, dispatch},
     splat::{CHUNK, Splat},
     tile_inputs::GATHERED,
-    tuning::Bounds,
     unsupported::BACKEND,
 };
 
@@ -112,7 +111,6 @@ impl Bins {
         projected: &[Splat],
         (count, splat_at): (usize, impl Fn(usize) -> usize + Sync),
         grid: &Grid,
-        bounds: Bounds,
     ) -> Result<(), Error> {
         let chunk_len = CHUNK.max(count.div_ceil(MOST_CHUNKS));
         self.chunks.resize_with(count.div_ceil(chunk_len), Chunk::default);
@@ -122,7 +120,7 @@ impl Bins {
         self.chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
             let ranks = i * chunk_len..((i + 1) * chunk_len).min(count);
             // For the level's own rounding instructions.
-            dispatch!(level, _simd => chunk.find(projected, ranks, &splat_at, grid, bounds, slots));
+            dispatch!(level, _simd => chunk.find(projected, ranks, &splat_at, grid, slots));
         });
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
@@ -170,7 +168,6 @@ impl Chunk {
         ranks: Range<usize>,
         splat_at: &impl Fn(usize) -> usize,
         grid: &Grid,
-        bounds: Bounds,
         slots: &[AtomicU32],
     ) {
         self.found.clear();
@@ -188,7 +185,7 @@ impl Chunk {
             for (index, splat) in splats {
                 if !splat.is_culled() {
                     let before = self.found.len();
-                    self.find_one(splat, *index as u32, grid, bounds);
+                    self.find_one(splat, *index as u32, grid);
                     let found = self.found.len() - before;
                     self.outside += u32::from(found == 0);
                     slots[*index].store(found as u32, Relaxed);
@@ -198,7 +195,7 @@ impl Chunk {
     }
 
     #[inline(always)]
-    fn find_one(&mut self, splat: &Splat, index: u32, grid: &Grid, bounds: Bounds) {
+    fn find_one(&mut self, splat: &Splat, index: u32, grid: &Grid) {
         let bands = grid.bands();
         let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width) else {
             return;
@@ -206,10 +203,7 @@ impl Chunk {
         for strip in first_column / LANES..=(end_column - 1) / LANES {
             let left = (strip * LANES).max(first_column) as f32 + 0.5 - splat.mean[0];
             let right = ((strip + 1) * LANES).min(end_column) as f32 - 0.5 - splat.mean[0];
-            let (top, bottom) = match bounds {
-                Bounds::Tight => vertical_extent(splat, left, right),
-                Bounds::Box => (-splat.half_y(), splat.half_y()),
-            };
+            let (top, bottom) = vertical_extent(splat, left, right);
             let Some((first_row, end_row)) = pixels(splat.mean[1], -top, bottom, grid.height) else {
                 continue;
             };

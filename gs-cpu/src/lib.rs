@@ -41,7 +41,6 @@ mod stage;
 mod target;
 mod tile_inputs;
 mod tiles;
-mod tuning;
 mod unsupported;
 mod workspace;
 
@@ -51,4 +50,3 @@ pub use rasterizer::{CpuRasterizer, CpuSettings};
 pub use scene2d::Splats2d;
 pub use scene3d::Splats3d;
 pub use target::Target;
-pub use tuning::{Bounds, CpuTuning};

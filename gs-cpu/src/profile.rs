@@ -64,7 +64,7 @@ impl<S: Kind> Profiler<S> for CpuRasterizer {
         let mut samples: Vec<(Stage, Vec<f64>)> =
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();
         let pool = &S::resources(&self.resources).pool;
-        let (workspace, bias) = (pool.take().tuned(self.tuning), S::Bias::default());
+        let (workspace, bias) = (pool.take(), S::Bias::default());
         let mut pass = Pass::<S> { rasterizer: self, workspace, splats, target, loss, rates: still(), bias };
         self.install(|| {
             S::prepare(&mut pass.workspace, pass.splats, view, settings, Binning::Fresh, self.level)?;

@@ -20,7 +20,6 @@ use crate::{
     loss,
     target::Target,
     tiles::Tiles,
-    tuning::CpuTuning,
     unsupported::{BACKEND, unsupported},
     workspace::Workspace,
 };
@@ -44,7 +43,6 @@ pub struct CpuRasterizer {
     threads: Option<rayon::ThreadPool>,
     simd: SimdLevel,
     pub(crate) level: Level,
-    pub(crate) tuning: CpuTuning,
     pub(crate) resources: AllResources,
 }
 
@@ -71,21 +69,7 @@ impl CpuRasterizer {
                 return Err(Error::Backend { backend: BACKEND, message: format!("threads cannot be started: {e}") });
             }
         };
-        Ok(Self { threads, simd, level, tuning: CpuTuning::default(), resources: AllResources::default() })
-    }
-
-    /// Returns this rasterizer with another tuning.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] where a number of the tuning is outside its range.
-    pub fn with_tuning(self, tuning: CpuTuning) -> Result<Self, Error> {
-        tuning.validate()?;
-        Ok(Self { tuning, ..self })
-    }
-
-    /// The tuning in use.
-    pub fn tuning(&self) -> CpuTuning {
-        self.tuning
+        Ok(Self { threads, simd, level, resources: AllResources::default() })
     }
 
     /// Number of threads in use.
@@ -140,7 +124,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     ) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
         let pool = &S::resources(&self.resources).pool;
-        let mut workspace = pool.take().tuned(self.tuning);
+        let mut workspace = pool.take();
         self.install(|| {
             S::prepare(&mut workspace, splats, view, settings, Binning::Fresh, self.level)?;
             workspace.tiles.blend(self.level)
@@ -241,7 +225,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     ) -> Result<(Image, Culled), Error> {
         S::check(view, settings)?;
         let pool = &S::resources(&self.resources).pool;
-        let mut workspace = pool.take().tuned(self.tuning);
+        let mut workspace = pool.take();
         let image = self.install(|| {
             S::prepare(&mut workspace, splats, view, settings, Binning::Fresh, self.level)?;
             workspace.tiles.draw(self.level)
@@ -270,8 +254,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
             check_len::<S>(gradients, splats)?;
         }
         let Resources { pool, bias } = S::resources(&self.resources);
-        let workspace = splats.shared_mut().workspace.take().unwrap_or_else(|| pool.take());
-        let mut workspace = workspace.tuned(self.tuning);
+        let mut workspace = splats.shared_mut().workspace.take().unwrap_or_else(|| pool.take());
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
         let value = self.install(|| {
@@ -362,7 +345,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
         }
         S::check_solve_colors(settings)?;
         let pool = &S::resources(&self.resources).pool;
-        let mut workspace = pool.take().tuned(self.tuning);
+        let mut workspace = pool.take();
         self.install(|| {
             S::prepare(&mut workspace, splats, view, settings, Binning::Fresh, self.level)?;
             S::solve_colors(&mut workspace, splats, target, self.level, iterations)

@@ -12,6 +12,10 @@ pub(crate) const CHUNK: usize = 1024;
 /// Largest |exponent| at a start of the kernels' recurrence, well inside the range of `f32`.
 pub(crate) const SAFE_EXPONENT: f32 = 80.0;
 
+/// Largest number of rows along which the kernels' recurrence computes a Gaussian's weights before
+/// exp is called again. Its error grows with the square of its length.
+pub(crate) const RECURRENCE_ROWS: f32 = 32.0;
+
 /// The c below which the ratio of successive rows' weights is stored minus 1.
 ///
 /// Near 1, the rounding of the ratio itself would grow with the square of the number of rows. For a
@@ -89,21 +93,15 @@ impl Splat {
 
     /// A Gaussian whose covariance is not degenerate and whose opacity is at least `cut`.
     ///
-    /// The recurrence starts again after at most `longest` rows.
+    /// The recurrence starts again after at most [`RECURRENCE_ROWS`].
     #[inline]
-    pub(crate) fn new(
-        mean: Vec2,
-        covariance: Covariance,
-        color: [f32; 3],
-        (opacity, cut): (f32, f32),
-        longest: f32,
-    ) -> Self {
+    pub(crate) fn new(mean: Vec2, covariance: Covariance, color: [f32; 3], (opacity, cut): (f32, f32)) -> Self {
         let Covariance { xx, xy, yy, determinant } = covariance;
         let reach = 2.0 * (opacity / cut).ln();
         let c = xx / determinant;
         // A row whose weight is above the cut has σ ≤ reach/2; going back n rows adds at most n
         // √(c/2) to √σ.
-        let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, longest);
+        let restart = ((SAFE_EXPONENT.sqrt() - (0.5 * reach).sqrt()) / (0.5 * c).sqrt()).clamp(1.0, RECURRENCE_ROWS);
         let half_y = (reach * yy).sqrt();
         Self {
             mean: mean.to_array(),
@@ -124,12 +122,6 @@ impl Splat {
 
     pub(crate) fn is_culled(&self) -> bool {
         self.half_x < 0.0
-    }
-
-    /// Half the ellipse's extent along y.
-    #[inline]
-    pub(crate) fn half_y(&self) -> f32 {
-        (self.reach * (self.slope * self.slope / self.inverse_xx + 1.0 / self.c)).sqrt()
     }
 
     /// A with Σ′⁻¹ d = A (dx, u).

@@ -25,7 +25,6 @@ use crate::{
     splat::{PixelDepth, Received, Splat},
     target::Target,
     tile_inputs::TileInputs,
-    tuning::CpuTuning,
 };
 
 /// Rows of a tile under `Sum`: a strip is one tile as long as it fits into the second-level cache.
@@ -41,7 +40,6 @@ const OVER_BAND_ROWS: usize = MOST_ROWS_OVER;
 #[derive(Debug, Default)]
 pub(crate) struct Tiles {
     pub(crate) settings: RenderSettings,
-    pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
     /// Splats, in an order of the scene's kind. Unspecified for Gaussians that have no rank.
     pub(crate) projected: Vec<Splat>,
@@ -100,11 +98,10 @@ impl<'a> Lists<'a> {
 impl Tiles {
     /// Sets the image's size and the settings.
     pub(crate) fn set(&mut self, size: (u32, u32), settings: &RenderSettings) {
-        let usual = match settings.effects.blend {
+        let band_rows = match settings.effects.blend {
             Blend::Sum => SUM_BAND_ROWS,
             Blend::Over => OVER_BAND_ROWS,
         };
-        let band_rows = self.tuning.tile_rows.map_or(usual, usize::from);
         self.settings = *settings;
         self.grid = Grid::new(size, band_rows);
     }
@@ -152,7 +149,7 @@ impl Tiles {
         count: usize,
         splat_at: impl Fn(usize) -> usize + Sync,
     ) -> Result<(), Error> {
-        self.bins.fill(level, &self.projected, (count, splat_at), &self.grid, self.tuning.bounds)
+        self.bins.fill(level, &self.projected, (count, splat_at), &self.grid)
     }
 
     /// Runs stage `blend`: draws the image into `rows`.

@@ -3,7 +3,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use crate::{tiles::Tiles, tuning::CpuTuning};
+use crate::tiles::Tiles;
 
 /// Inputs and results of a pass. `O` is the type of the buffers that only one kind of scene needs.
 #[derive(Debug, Default)]
@@ -15,17 +15,6 @@ pub struct Workspace<O> {
     pub(crate) len: usize,
     /// The version of the splats that the lists were made for.
     pub(crate) version: Option<u64>,
-}
-
-impl<O> Workspace<O> {
-    /// The workspace with this tuning. Lists that were made with another tuning become invalid.
-    pub(crate) fn tuned(mut self, tuning: CpuTuning) -> Self {
-        if self.tiles.tuning != tuning {
-            self.tiles.tuning = tuning;
-            self.version = None;
-        }
-        self
-    }
 }
 
 /// Workspaces that are not in use.

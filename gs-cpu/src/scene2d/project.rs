@@ -20,13 +20,7 @@ pub(crate) fn on_canvas(canvas: &Canvas, mean: Vec2, factor: Mat2) -> (Vec2, Mat
 }
 
 /// One Gaussian's splat, or the reason why it is culled.
-fn project(
-    mean: Vec2,
-    l: Mat2,
-    color: [f32; 3],
-    opacity: f32,
-    (settings, longest): (&RenderSettings, f32),
-) -> Result<Splat, CullCause> {
+fn project(mean: Vec2, l: Mat2, color: [f32; 3], opacity: f32, settings: &RenderSettings) -> Result<Splat, CullCause> {
     let antialias = settings.effects.antialias;
     let delta = antialias.dilation();
     let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
@@ -51,15 +45,15 @@ fn project(
     if !(opacity >= settings.accuracy.alpha_cut) {
         return Err(CullCause::Transparent);
     }
-    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, settings.accuracy.alpha_cut), longest))
+    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, settings.accuracy.alpha_cut)))
 }
 
 /// Projects all Gaussians in the order `order` (rank → index) into `tiles`, and counts the culled.
 pub(crate) fn project_all(splats: &Splats2d, canvas: &Canvas, order: &[u32], tiles: &mut Tiles) {
-    let Tiles { settings, tuning, projected, .. } = tiles;
-    let settings = (&*settings, f32::from(tuning.recurrence_rows));
+    let Tiles { settings, projected, .. } = tiles;
+    let settings = &*settings;
     projected.resize(order.len(), Splat::CULLED);
-    let opaque = settings.0.effects.blend == Blend::Sum || splats.opacity_logits.is_empty();
+    let opaque = settings.effects.blend == Blend::Sum || splats.opacity_logits.is_empty();
     let chunk = |(out, order): (&mut [Splat], &[u32])| {
         let mut culled = Culled::default();
         for (splat, &index) in out.iter_mut().zip(order) {

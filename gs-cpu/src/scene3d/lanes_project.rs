@@ -16,7 +16,7 @@ use crate::{
     bin::SLACK,
     lanes::{Floats, LANES, exp, exp_less, fma, ln, load, splat, splat3, store, transpose},
     layout::Grid,
-    splat::{PixelDepth, SAFE_EXPONENT, Splat, WIDE},
+    splat::{PixelDepth, RECURRENCE_ROWS, SAFE_EXPONENT, Splat, WIDE},
 };
 
 /// Rows of up to [`LANES`] Gaussians, transposed: a row for each number, a lane for each Gaussian.
@@ -119,8 +119,6 @@ pub(super) fn direction<S: Simd, V: Floats<S>>(simd: S, eye: &Eye, mean: [V; 3])
 pub(super) struct Limits<'a> {
     pub(super) grid: &'a Grid,
     pub(super) alpha_cut: f32,
-    /// Most rows before the kernels' recurrence starts again.
-    pub(super) longest: f32,
 }
 
 /// Projected Gaussians, a row each, and which of them are not drawn, as bits.
@@ -271,7 +269,7 @@ fn place<S: Simd, V: Floats<S>>(
     let reach = ln(simd, opacity / cut) * 2.0;
     let c = xx / determinant;
     let restart = (splat::<S, V>(simd, SAFE_EXPONENT.sqrt()) - (reach * 0.5).sqrt()) / (c * 0.5).sqrt();
-    let restart = restart.max(one).min(splat::<S, V>(simd, limits.longest));
+    let restart = restart.max(one).min(splat::<S, V>(simd, RECURRENCE_ROWS));
     let (half_x, half_y) = ((reach * xx).sqrt(), (reach * yy).sqrt());
     let fall = c.simd_lt(splat::<S, V>(simd, WIDE)).select(zero - exp_less(simd, zero - c, 1.0), zero);
     let numbers = [u, v, one / xx, xy / xx, c, exp(simd, zero - c), fall];

@@ -131,7 +131,7 @@ fn project(eye: &Eye, row: &[f32], limits: Limits<'_>) -> Result<(Splat, PixelDe
     let p = eye.perspective.project(&splats::ellipsoid(row))?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
-    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, limits.alpha_cut), limits.longest);
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, limits.alpha_cut));
     if !touches(&splat, (splat.reach * yy).sqrt(), limits.grid) {
         return Err(CullCause::Outside);
     }
@@ -145,11 +145,11 @@ fn project(eye: &Eye, row: &[f32], limits: Limits<'_>) -> Result<(Splat, PixelDe
 /// Projects all Gaussians by index, and counts the culled. Those left out by dropout count as
 /// transparent.
 pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles, level: Level) {
-    let Tiles { projected, depths, grid, settings, tuning, .. } = tiles;
+    let Tiles { projected, depths, grid, settings, .. } = tiles;
     projected.resize(splats.len(), Splat::CULLED);
     depths.resize(splats.len(), PixelDepth::default());
     let dropout = Some(&settings.dropout).filter(|dropout| !dropout.is_none());
-    let limits = Limits { grid, alpha_cut: settings.accuracy.alpha_cut, longest: f32::from(tuning.recurrence_rows) };
+    let limits = Limits { grid, alpha_cut: settings.accuracy.alpha_cut };
     let pitch = splats.pitch();
     let rows = splats.parameters.par_chunks(CHUNK * pitch);
     let chunks = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK)).zip(rows).enumerate();
@@ -238,7 +238,7 @@ mod tests {
             {
                 let eye = Eye::new(&camera, &settings, degree);
                 let grid = &Grid::new((200, 120), 16);
-                let limits = Limits { grid, alpha_cut: settings.accuracy.alpha_cut, longest: 64.0 };
+                let limits = Limits { grid, alpha_cut: settings.accuracy.alpha_cut };
                 check(&splats, &eye, limits, level);
             }
         }

@@ -1,13 +1,11 @@
-//! What renders: backends with their SIMD levels, numbers of threads, tunings and kernels, each with
+//! What renders: backends with their SIMD levels, numbers of threads and kernels, each with
 //! the scene uploaded.
 
 use std::{ops::Deref, rc::Rc, time::Instant};
 
 use gs_backend::{AnyRasterizer, FutureExt as _};
-use gs_core::{
-    Backend as _, Blend, Error, Image, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene, counted,
-};
-use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use gs_core::{Backend as _, Error, Image, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene};
+use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
 use super::frontier::Change;
@@ -71,23 +69,18 @@ impl<V> std::fmt::Debug for Candidate<'_, V> {
     }
 }
 
-/// The candidates of a backend for a scene with this blending, the given rasterizer first. On the CPU
-/// the others have another SIMD level, one thread, or another tuning; on a GPU, other kernels that its
-/// adapter can run.
+/// The candidates of a backend for a scene, the given rasterizer first. On the CPU the others have
+/// another SIMD level or one thread; on a GPU, other kernels that its adapter can run.
 ///
 /// # Errors
 /// Those of [`Rasterizer::upload`] and of [`CpuRasterizer::new`].
-pub(crate) fn candidates<'a, S>(
-    base: AnyRasterizer,
-    scene: &S,
-    blend: Blend,
-) -> Result<Vec<Candidate<'a, S::View>>, Error>
+pub(crate) fn candidates<'a, S>(base: AnyRasterizer, scene: &S) -> Result<Vec<Candidate<'a, S::View>>, Error>
 where
     S: Scene + 'a,
     AnyRasterizer: Optimizer<S>,
 {
     let others = match &base {
-        AnyRasterizer::Cpu(cpu) => other_cpus(cpu, blend)?,
+        AnyRasterizer::Cpu(cpu) => other_cpus(cpu)?,
         AnyRasterizer::Wgpu(gpu) => other_kernels(gpu),
         _ => Vec::new(),
     };
@@ -121,11 +114,8 @@ where
     if let Some(threads) = threads(rasterizer).filter(|&threads| Some(threads) != usual_threads) {
         machine.flags.extend(["--threads".to_owned(), threads.to_string()]);
     }
-    // No flag chooses tunings and kernels.
-    let has_flags = match rasterizer {
-        AnyRasterizer::Cpu(cpu) => cpu.tuning() == CpuTuning::default(),
-        _ => change.is_none(),
-    };
+    // No flag chooses kernels.
+    let has_flags = change.is_none() || matches!(rasterizer, AnyRasterizer::Cpu(_));
     let flags = has_flags.then(|| machine.typed_flags());
     let (backend, name) = (rasterizer.name().to_owned(), rasterizer.describe());
     Candidate { backend, name, change, flags, renderer: Box::new(loaded) }
@@ -139,31 +129,19 @@ fn threads(rasterizer: &AnyRasterizer) -> Option<usize> {
 /// A setting of a backend, its value, and the rasterizer that has it.
 type Other = (&'static str, String, AnyRasterizer);
 
-fn other_cpus(base: &CpuRasterizer, blend: Blend) -> Result<Vec<Other>, Error> {
-    let (level, threads, usual) = (base.simd_level(), base.threads(), CpuTuning::default());
-    let start = |threads: usize, level: SimdLevel, tuning: CpuTuning| {
+fn other_cpus(base: &CpuRasterizer) -> Result<Vec<Other>, Error> {
+    let (level, threads) = (base.simd_level(), base.threads());
+    let start = |threads: usize, level: SimdLevel| {
         let settings = CpuSettings::default().with(|s| (s.threads, s.level) = (Some(threads), Some(level)));
-        Ok(AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?.with_tuning(tuning)?)))
+        Ok(AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?)))
     };
     let mut all = Vec::new();
     for other in SimdLevel::available().into_iter().filter(|&other| other != level) {
-        all.push(("SIMD", other.to_string(), start(threads, other, usual)?));
+        all.push(("SIMD", other.to_string(), start(threads, other)?));
     }
     if threads > 1 {
-        all.push(("threads", "1".to_owned(), start(1, level, usual)?));
+        all.push(("threads", "1".to_owned(), start(1, level)?));
     }
-    for recurrence_rows in [1, 8, 128, 256] {
-        let value = format!("every {}", counted(recurrence_rows, "row"));
-        all.push(("exp", value, start(threads, level, usual.with(|s| s.recurrence_rows = recurrence_rows))?));
-    }
-    let rows: &[u16] = match blend {
-        Blend::Sum => &[16, 64],
-        Blend::Over => &[8, 16, 32],
-    };
-    for &rows in rows {
-        all.push(("tile rows", rows.to_string(), start(threads, level, usual.with(|s| s.tile_rows = Some(rows)))?));
-    }
-    all.push(("bounds", "box".to_owned(), start(threads, level, usual.with(|s| s.bounds = Bounds::Box))?));
     Ok(all)
 }
 

@@ -34,8 +34,7 @@ A scene is measured as it is; an image is fitted first. A 3D scene is seen from 
 --dataset, or from an orbit around it.
 
 Every setting is measured alone: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
-every SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on a GPU every kind \
-of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
+every SIMD level, one thread; on a GPU every kind of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
 two settings: their difference is the noise, and smaller differences are `no difference`. The \
 error is that of the worst channel of any pixel, not clamped, against the 64-bit oracle without \
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
@@ -43,7 +42,7 @@ change.
 
 With --max-error or --max-ms the answer is flags for gs render: the fastest settings that are \
 exact enough, or the most exact that are fast enough, of all measured backends, verified on other \
-views than those of the search. Tunings and kernels that no flag chooses are left out. Among \
+views than those of the search. Kernels, which no flag chooses, are left out. Among \
 settings whose times differ by less than the noise, the one with the lowest median is taken, and \
 the answer says so. The answer is printed on standard output, everything else on standard error.
 

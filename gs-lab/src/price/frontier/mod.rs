@@ -76,7 +76,7 @@ where
         let Self { scene: (scene, what), backends, shown, views, unseen, seconds, budget } = self;
         let mut all = Vec::new();
         for base in backends {
-            all.extend(candidates(base, scene, shown.effects.blend)?);
+            all.extend(candidates(base, scene)?);
         }
         let sweep = Sweep { scene, candidates: all, shown };
         let frontier = search(&sweep, views, seconds, watch)?;
