@@ -95,8 +95,8 @@ pub(crate) fn is_checkpoint(path: impl AsRef<Path>) -> bool {
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
-/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Unusable`]
-/// for a tensor that is not part of a state.
+/// file or another kind of file, [`Error::Unusable`] for one of a later version and for a tensor that
+/// is not part of a state.
 pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
     state_of(container::read::<Content>(path.as_ref(), &KIND)?)
 }

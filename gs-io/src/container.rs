@@ -218,8 +218,7 @@ pub(crate) fn read_from<C: DeserializeOwned>(
         return Err(damaged(LENGTH_BYTES, expected_head, format!("format {:?}", head.format)));
     }
     if head.version > kind.version {
-        let (path, what) = (path.to_owned(), kind.what);
-        return Err(Error::TooNew { path, what, supported: kind.version, found: head.version });
+        return Err(Error::too_new(path, kind.what, kind.version, head.version));
     }
     let content =
         serde_json::from_value(head.content).map_err(|e| damaged(LENGTH_BYTES, expected_head, e.to_string()))?;

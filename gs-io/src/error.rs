@@ -169,21 +169,6 @@ pub enum Error {
         /// Why.
         source: gs_codec::Error,
     },
-    /// A file that a later version of this program wrote.
-    #[error(
-        "{}: expected {what} of version {supported} or older, found version {found}; update this program",
-        one_line(path)
-    )]
-    TooNew {
-        /// The file.
-        path: PathBuf,
-        /// The kind of file, such as "a scene file".
-        what: &'static str,
-        /// The newest version that can be read.
-        supported: u32,
-        /// The file's version.
-        found: u32,
-    },
     /// The extension of an output file is not that of a 3D scene format that can be written.
     #[error("{}: its ending names no kind of scene that can be written; use {endings}", one_line(path))]
     UnknownEnding {
@@ -231,6 +216,12 @@ impl Error {
     /// A feature that is not supported, of a file that is right.
     pub(crate) fn unsupported(path: &Path, what: impl fmt::Display, hint: &'static str) -> Self {
         Self::unusable(path, format!("{what} is not supported"), hint)
+    }
+
+    /// A file that a later version of this program wrote.
+    pub(crate) fn too_new(path: &Path, what: &str, supported: impl fmt::Display, found: impl fmt::Display) -> Self {
+        let problem = format!("expected {what} of version {supported} or older, found version {found}");
+        Self::unusable(path, problem, "update this program")
     }
 
     /// A known kind of file that cannot be read as a scene.

@@ -60,24 +60,9 @@ pub(crate) fn command(key: &Key, mode: Mode) -> Option<Command> {
 
 /// The keys that are held down.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct HeldKeys(HashSet<KeyCode>);
+pub(crate) struct HeldKeys(pub(crate) HashSet<KeyCode>);
 
 impl HeldKeys {
-    /// Adds a key.
-    pub(crate) fn press(&mut self, key: KeyCode) {
-        self.0.insert(key);
-    }
-
-    /// Removes a key.
-    pub(crate) fn release(&mut self, key: KeyCode) {
-        self.0.remove(&key);
-    }
-
-    /// Removes all keys.
-    pub(crate) fn release_all(&mut self) {
-        self.0.clear();
-    }
-
     /// Whether a shift key is held.
     pub(crate) fn shift(&self) -> bool {
         self.any(&[KeyCode::ShiftLeft, KeyCode::ShiftRight])
@@ -140,16 +125,16 @@ mod tests {
     fn held_keys_add_up() {
         let mut held = HeldKeys::default();
         assert!(held.motion(Mode::Fly).is_none());
-        [KeyCode::KeyW, KeyCode::KeyD, KeyCode::ArrowUp].into_iter().for_each(|key| held.press(key));
+        held.0.extend([KeyCode::KeyW, KeyCode::KeyD, KeyCode::ArrowUp]);
         assert_eq!(held.motion(Mode::Fly), Motion { way: Vec3::new(1.0, 0.0, 1.0), turn: -Vec2::Y, speed: 1.0 });
         assert_eq!(held.motion(Mode::Orbit).way, Vec3::ZERO);
-        held.press(KeyCode::KeyA);
-        held.press(KeyCode::ShiftRight);
+        held.0.insert(KeyCode::KeyA);
+        held.0.insert(KeyCode::ShiftRight);
         let motion = held.motion(Mode::Fly);
         assert_eq!((motion.way, motion.speed), (Vec3::Z, SHIFT_SPEED), "left and right cancel");
-        held.release(KeyCode::KeyD);
+        held.0.remove(&KeyCode::KeyD);
         assert_eq!(held.motion(Mode::Fly).way, Vec3::new(-1.0, 0.0, 1.0));
-        held.release_all();
+        held.0.clear();
         assert!(held.motion(Mode::Fly).is_none() && !held.shift());
     }
 }

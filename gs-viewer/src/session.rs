@@ -140,17 +140,17 @@ impl<N: Navigate> Session<N> {
 
     /// A key was pressed.
     pub(crate) fn press(&mut self, key: KeyCode) {
-        self.keys.press(key);
+        self.keys.0.insert(key);
     }
 
     /// A key was released.
     pub(crate) fn release(&mut self, key: KeyCode) {
-        self.keys.release(key);
+        self.keys.0.remove(&key);
     }
 
     /// The window gets no more keys and buttons.
     pub(crate) fn lose_focus(&mut self) {
-        self.keys.release_all();
+        self.keys.0.clear();
         self.drag = None;
     }
 

@@ -134,8 +134,7 @@ pub(crate) fn is_2d(path: &Path) -> bool {
 /// # Errors
 /// - [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`] where the file cannot be read.
 /// - [`Error::Damaged`] for a truncated file or another kind of file.
-/// - [`Error::TooNew`] for a file of a later version.
-/// - [`Error::Unusable`] for a tensor of the wrong type or shape.
+/// - [`Error::Unusable`] for a file of a later version, and a tensor of the wrong type or shape.
 /// - [`Error::Content`] for an impossible canvas, impossible settings, and values such as NaN.
 pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();

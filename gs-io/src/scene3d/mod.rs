@@ -195,8 +195,8 @@ pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Err
 /// to find a glTF's buffers and a SOG's images. Memory is limited by the number of bytes.
 ///
 /// # Errors
-/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`];
-/// [`Error::Unusable`] for what is right but not read, for missing properties, for a bomb, for no
+/// [`Error::Damaged`] for bytes that are not what their kind prescribes;
+/// [`Error::Unusable`] for a later version, for what is right but not read, for missing properties, for a bomb, for no
 /// Gaussians, and for a glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let row = format.row();

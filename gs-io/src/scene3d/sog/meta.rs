@@ -69,12 +69,7 @@ impl Meta {
         if version != Some(VERSION.into()) {
             return Err(match version {
                 None | Some(..VERSION_1_END) => Error::unsupported(source.path, "version 1 of SOG", CONVERT),
-                Some(found) => Error::TooNew {
-                    path: source.path.to_owned(),
-                    what: source.what,
-                    supported: VERSION,
-                    found: u32::try_from(found).unwrap_or(u32::MAX),
-                },
+                Some(found) => Error::too_new(source.path, source.what, VERSION, found),
             });
         }
         let meta: Self = serde_json::from_slice(text).map_err(damaged)?;

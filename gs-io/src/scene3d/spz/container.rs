@@ -130,8 +130,7 @@ impl Head {
         }
         let (version, count) = (u32_at(4), u32_at(8));
         if version > NEWEST_VERSION {
-            let path = source.path.to_owned();
-            return Err(Error::TooNew { path, what: source.what, supported: NEWEST_VERSION, found: version });
+            return Err(Error::too_new(source.path, source.what, NEWEST_VERSION, version));
         }
         if version == 1 {
             let hint = "write it again with a current version of the program";

@@ -100,8 +100,7 @@ impl LodMeta {
         // Files from before there were versions have none.
         let version = serde_json::from_slice::<Value>(text).map_err(damaged)?["version"].as_u64().unwrap_or(VERSION);
         if version != VERSION {
-            let (path, found) = (source.path.to_owned(), u32::try_from(version).unwrap_or(u32::MAX));
-            return Err(Error::TooNew { path, what: source.what, supported: VERSION as u32, found });
+            return Err(Error::too_new(source.path, source.what, VERSION, version));
         }
         let meta: Self = serde_json::from_slice(text).map_err(damaged)?;
         if !(1..=MAX_LEVELS).contains(&meta.lod_levels) {

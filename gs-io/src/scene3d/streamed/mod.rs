@@ -63,7 +63,8 @@ impl StreamedSog {
     /// # Errors
     /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for another file,
     /// a tree with a missing child, bounds that are not finite or do not contain those of a child, counts
-    /// that disagree, and chunks outside of its folder; [`Error::TooNew`].
+    /// that disagree, and chunks outside of its folder;
+    /// [`Error::Unusable`] for a later version.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
         let bytes = read_file(path, WHAT)?;
