@@ -42,7 +42,7 @@ The experiments:
 DIR then holds index.html, which needs no other file and no network; claims.csv, every claim with \
 its verdict and numbers; and a folder for each experiment. All but popping are studies that come \
 with the program, and their folders are those of gs study, with tables, curves and a report each. \
-Measurements that no study contains are saved in the same folders as CSV, PNG and SVG files. \
+Measurements that no study contains are saved in the same folders as CSV, SVG and PNG files. \
 Verdicts are computed from the measurements. The same backend gives the same numbers each time. \
 Run the same command again to continue one that was stopped.";
 
@@ -143,7 +143,7 @@ fn chapter(
     let note = |what: &str| output::note(format_args!("{}: {what}", experiment.name));
     // What this measures is not stored until it is complete, so there is nothing to go on from.
     let mut chapter = interrupt.at_once(|| experiment.begin(on, quick, &note))?;
-    let files = chapter.files()?;
+    let files = chapter.files();
     if !files.is_empty() {
         folder.make(experiment.name)?;
         folder.write_all(files)?;

@@ -144,14 +144,14 @@ pub(crate) mod tests {
     #[test]
     fn a_refusal_names_the_flag_that_helps() {
         let place = tempfile::tempdir().unwrap();
-        let photo = place.path().join("curve.png");
+        let photo = place.path().join("curve.svg");
         std::fs::write(&photo, "mine").unwrap();
         let line = |inputs: Inputs| {
-            let claim = OverwriteArgs::default().claim(place.path(), ["curve.png"], inputs);
+            let claim = OverwriteArgs::default().claim(place.path(), ["curve.svg"], inputs);
             check(&claim).unwrap_err().line().unwrap()
         };
         let in_the_way = line(Inputs::default());
-        assert!(in_the_way.contains("curve.png: is in the way") && in_the_way.contains("--overwrite"), "{in_the_way}");
+        assert!(in_the_way.contains("curve.svg: is in the way") && in_the_way.contains("--overwrite"), "{in_the_way}");
         let input = line(Inputs::from_iter([&photo]));
         assert!(input.contains("is an input of this run") && !input.contains("--overwrite"), "{input}");
         let below_a_file = OverwriteArgs::default().claim(&photo.join("out"), [], Inputs::default());

@@ -29,7 +29,7 @@ pub(crate) struct RunArgs {
     /// Print the summary as JSON on standard output, and nothing else there
     #[arg(long)]
     pub(crate) json: bool,
-    /// Leave out the pictures that explain the result: curve.png, ellipses.png, and views/ of gs
+    /// Leave out the pictures that explain the result: curve.svg, ellipses.png, and views/ of gs
     /// train
     #[arg(long)]
     no_report: bool,

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use gs_backend::Chosen;
 use gs_core::examination::{self, Examinable};
-use gs_io::write_png;
 use gs_lab::report::curve::{self, CurvePoint};
 use gs_train::MetricsLog;
 use serde::Serialize;
@@ -27,7 +26,7 @@ pub(crate) const FILES: [&str; 10] = [
     "evaluation.json",
     "metrics.csv",
     "metrics.part.csv",
-    "curve.png",
+    "curve.svg",
     "settings.toml",
     "summary.json",
 ];
@@ -86,8 +85,7 @@ pub(crate) fn write_curve(
     log: &MetricsLog,
     title: &str,
 ) -> Result<(), Failure> {
-    let picture = curve::draw(points, log.rows(), title)?;
-    Ok(write_png(folder.file("curve.png"), &picture)?)
+    folder.write("curve.svg", curve::draw(points, log.rows(), title))
 }
 
 /// The scene without Gaussians that cannot be drawn, which no file accepts; a run that was stopped

@@ -15,7 +15,7 @@ use crate::process::{Run, command, folder, gs, names_in, picture};
 
 /// Result files of a fit by default; a fit with `over` blending also has scene.ply.
 const RESULTS: [&str; 7] = [
-    "curve.png",
+    "curve.svg",
     "ellipses.png",
     "metrics.csv",
     "reconstruction.png",
@@ -81,7 +81,7 @@ fn the_paper_needs_no_file() {
     let summary = gs(arguments.iter().chain(&["--no-report"])).json();
     assert_eq!((&summary["width"], &summary["height"]), (&128.into(), &128.into()));
     assert_eq!(summary["settings"]["loss"], serde_json::json!({ "l1-dssim": { "lambda": 0.2 } }));
-    let pictures = ["curve.png", "ellipses.png"];
+    let pictures = ["curve.svg", "ellipses.png"];
     expected.retain(|name| !pictures.contains(name));
     assert_eq!(names_in(place.path()), expected);
 }
@@ -379,7 +379,7 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let line = said.last().unwrap();
     assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{line}");
     gs_io::read_2d(output.join("scene.gs2d.safetensors")).unwrap();
-    for name in ["curve.png", "ellipses.png", "metrics.csv", "summary.json"] {
+    for name in ["curve.svg", "ellipses.png", "metrics.csv", "summary.json"] {
         assert!(output.join(name).is_file(), "{name}");
     }
     let image = picture(place.path(), 24, 24);

@@ -19,11 +19,11 @@ fn every_command_refuses_to_replace_what_no_run_wrote() {
     let image = picture(place.path(), 24, 24);
     let (dataset, scene, image) = (text(&dataset), text(&scene), text(&image));
     let cases: [(&[&str], &str); 13] = [
-        (&["fit", image], "curve.png"),
+        (&["fit", image], "curve.svg"),
         (&["fit", image, "--no-report"], "ellipses.png"),
         (&["fit"], "summary.json"),
         (&["train", dataset], "scene.ply"),
-        (&["train", dataset, "--no-report"], "curve.png"),
+        (&["train", dataset, "--no-report"], "curve.svg"),
         (&["render", scene, "--orbit", "2"], "frame-00001.png"),
         (&["profile", image], "profile.csv"),
         (&["paper", "--only", "popping"], "popping/zones.csv"),
@@ -57,13 +57,13 @@ fn the_same_command_again_needs_no_flag_and_leaves_what_is_not_its_own() {
     gs(fit(&image, &output)).done();
     gs(fit(&image, &output)).done();
     gs(fit(&image, &output).into_iter().chain(["--no-report"])).done();
-    assert!(!output.join("curve.png").exists());
+    assert!(!output.join("curve.svg").exists());
 
     // A file that was put in place of a removed picture is the user's.
-    fs::write(output.join("curve.png"), "mine").unwrap();
-    assert!(gs(fit(&image, &output)).refusal().contains("curve.png: is in the way"));
+    fs::write(output.join("curve.svg"), "mine").unwrap();
+    assert!(gs(fit(&image, &output)).refusal().contains("curve.svg: is in the way"));
     gs(fit(&image, &output).into_iter().chain(["--overwrite"])).done();
-    assert_ne!(fs::read(output.join("curve.png")).unwrap(), b"mine");
+    assert_ne!(fs::read(output.join("curve.svg")).unwrap(), b"mine");
     assert_eq!(fs::read(output.join("notes.txt")).unwrap(), b"mine");
 }
 
@@ -71,7 +71,7 @@ fn the_same_command_again_needs_no_flag_and_leaves_what_is_not_its_own() {
 fn no_input_is_ever_replaced() {
     let place = folder();
     let (_, scene) = dataset_and_scene(place.path());
-    let (image, picture) = (place.path().join("curve.png"), picture(place.path(), 24, 24));
+    let (image, picture) = (place.path().join("ellipses.png"), picture(place.path(), 24, 24));
     fs::copy(&picture, &image).unwrap();
     let [settings, linked] = ["settings.toml", "linked.png"].map(|name| place.path().join(name));
     fs::write(&settings, "gaussians = 25\niterations = 2\n").unwrap();

@@ -115,7 +115,7 @@ fn a_data_set_becomes_a_scene_and_a_summary() {
     assert_eq!(summary["evaluation"]["views"].as_array().unwrap().len(), 2);
     assert!(summary["evaluation"]["psnr"].as_f64().unwrap() > 12.0, "{summary}");
     let expected = [
-        "curve.png",
+        "curve.svg",
         "ellipses.png",
         "evaluation.json",
         "metrics.csv",
@@ -178,12 +178,12 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let training = endless(&dataset, &output, &[]);
-    fs::create_dir(output.join("curve.png")).unwrap();
+    fs::create_dir(output.join("curve.svg")).unwrap();
     let (status, said) = interrupted(training);
     assert_eq!(status, Some(1), "{said}");
-    assert!(said.lines().last().unwrap().contains("curve.png: "), "{said}");
+    assert!(said.lines().last().unwrap().contains("curve.svg: "), "{said}");
     assert_eq!(names_in(&output.join("views")), ["images_0.png"]);
-    fs::remove_dir(output.join("curve.png")).unwrap();
+    fs::remove_dir(output.join("curve.svg")).unwrap();
 
     fs::remove_dir_all(output.join("views")).unwrap();
     let earlier = fs::read(output.join("summary.json")).unwrap();

@@ -117,10 +117,7 @@ pub struct Chapter {
 
 impl Chapter {
     /// Names and contents of the files of what was measured so far: see [`Findings::files`].
-    ///
-    /// # Errors
-    /// [`Error::Picture`] where a figure cannot be drawn.
-    pub fn files(&self) -> Result<Vec<(String, Vec<u8>)>, Error> {
+    pub fn files(&self) -> Vec<(String, Vec<u8>)> {
         self.findings.files(&format!("{}/", self.experiment.name))
     }
 

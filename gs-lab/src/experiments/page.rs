@@ -71,13 +71,12 @@ fn head(chapters: &[Chapter], only: Option<&Experiment>, is_quick: bool, backend
 }
 
 fn section(Chapter { experiment, findings, excerpts }: &Chapter) -> Result<Markup, Error> {
-    let charts = findings.charts.iter().map(html::figure).collect::<Result<Vec<_>, _>>()?;
     Ok(html! {
         section id=(experiment.name) {
             h2 { (experiment.title) " " span.quiet.small { (experiment.section) } }
             p.quiet { (findings.method) }
             @for claim in &findings.claims { (claims::card(claim, "The paper")) }
-            div.figures { @for chart in charts { (chart) } }
+            div.figures { @for chart in &findings.charts { (html::figure(chart)) } }
             div.pictures { @for picture in &findings.pictures { (shown(picture)) } }
             @for table in findings.tables.iter().filter(|table| !table.rows.is_empty()) { (table_of(table)) }
             @for (study, html) in excerpts {

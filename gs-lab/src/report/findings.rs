@@ -6,10 +6,7 @@ use gs_core::Image;
 use gs_io::png_bytes;
 
 use super::{Table, figure::Figure};
-use crate::{
-    error::Error,
-    result::{Claim, csv_row},
-};
+use crate::result::{Claim, csv_row};
 
 /// What was found, by an experiment or about a scene.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -48,12 +45,9 @@ impl Findings {
         self.pictures.append(&mut other.pictures);
     }
 
-    /// Names and contents of files: tables and curves as CSV, figures as PNG and SVG, pictures as PNG.
+    /// Names and contents of files: tables and curves as CSV, figures as SVG, pictures as PNG.
     /// All names begin with `prefix`, such as `edges/`.
-    ///
-    /// # Errors
-    /// [`Error::Picture`] where a figure cannot be drawn.
-    pub fn files(&self, prefix: &str) -> Result<Vec<(String, Vec<u8>)>, Error> {
+    pub fn files(&self, prefix: &str) -> Vec<(String, Vec<u8>)> {
         let file = |name: String, bytes: Vec<u8>| (format!("{prefix}{name}"), bytes);
         let mut files = Vec::new();
         for table in &self.tables {
@@ -62,13 +56,12 @@ impl Findings {
         for figure in &self.charts {
             let name = |kind: &str| format!("{}-chart.{kind}", figure.name);
             files.push(file(name("csv"), figure_csv(figure).into_bytes()));
-            files.push(file(name("png"), png_bytes(&figure.image()?)));
-            files.push(file(name("svg"), figure.svg_file()?.into_bytes()));
+            files.push(file(name("svg"), figure.svg_file().into_bytes()));
         }
         for Picture { name, image, .. } in &self.pictures {
             files.push(file(format!("{name}.png"), png_bytes(image)));
         }
-        Ok(files)
+        files
     }
 }
 

@@ -3,10 +3,7 @@
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use plotters::style::RGBColor;
-
-use super::figure::{COLORS, Figure, GRID, INK};
-use crate::error::Error;
+use super::figure::{COLORS, Figure, GRID, INK, Rgb, hex};
 
 const STYLE: &str = include_str!("html.css");
 
@@ -28,9 +25,8 @@ pub(crate) fn page(title: &str, body: &Markup) -> String {
 }
 
 /// A figure with its title as caption.
-pub(crate) fn figure(drawn: &Figure) -> Result<Markup, Error> {
-    let svg = drawn.inline_svg()?;
-    Ok(html! { figure { figcaption.title { (drawn.title) } (PreEscaped(svg)) } })
+pub(crate) fn figure(drawn: &Figure) -> Markup {
+    html! { figure { figcaption.title { (drawn.title) } (PreEscaped(drawn.inline_svg())) } }
 }
 
 /// A square in the colour of a [`Series::style`](crate::report::figure::Series::style), shown before a
@@ -47,14 +43,11 @@ pub(crate) fn data_uri(kind: &str, bytes: &[u8]) -> String {
 /// CSS rules that make figures follow the page's theme. Each colour is a variable; dark curves are
 /// lightened on a dark page.
 fn figure_style() -> String {
-    let hex = |RGBColor(r, g, b): RGBColor| format!("#{r:02X}{g:02X}{b:02X}");
-    let lighter = |color: RGBColor| {
-        let RGBColor(r, g, b) = color;
+    let lighter = |[r, g, b]: Rgb| {
         let luma = 0.2126 * f32::from(r) + 0.7152 * f32::from(g) + 0.0722 * f32::from(b);
-        let lift = |v: u8| v + (255 - v) / 3;
-        if luma < 140.0 { RGBColor(lift(r), lift(g), lift(b)) } else { color }
+        if luma < 140.0 { [r, g, b].map(|v| v + (255 - v) / 3) } else { [r, g, b] }
     };
-    let declared = |color: &dyn Fn(RGBColor) -> RGBColor| {
+    let declared = |color: &dyn Fn(Rgb) -> Rgb| {
         let each = COLORS.into_iter().enumerate().map(|(i, c)| format!("--curve-{i}:{};", hex(color(c))));
         each.collect::<String>()
     };
@@ -83,7 +76,7 @@ mod tests {
             vec![Series::line("falling", vec![(0.0, 2.0), (1.0, 1.0)]), Series::dotted("<&>", vec![(0.0, 0.5)])];
         let (x, y) = (Axis::linear("step"), Axis::linear("loss"));
         let drawn = Figure { name: "f".to_owned(), title: "a < b".to_owned(), x, y, marks: Marks::lines(series) };
-        let page = page("t", &figure(&drawn).unwrap());
+        let page = page("t", &figure(&drawn));
         for part in [
             "a &lt; b",
             "&lt;&amp;&gt;",

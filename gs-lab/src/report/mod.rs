@@ -1,4 +1,4 @@
-//! The report of a study: one HTML page without network access, and its figures as SVG and PNG.
+//! The report of a study: one HTML page without network access, and its figures as SVG.
 
 pub(crate) mod claims;
 mod curves;
@@ -34,14 +34,11 @@ use crate::{
 };
 
 /// A chart of lines through (x, y), by rising x, as an SVG file. Its horizontal axis is logarithmic.
-///
-/// # Errors
-/// [`Error::Picture`] with what the drawing library reports.
 pub fn line_chart(
     title: &str,
     [x, y]: [&str; 2],
     lines: impl IntoIterator<Item = (&'static str, Vec<(f64, f64)>)>,
-) -> Result<String, Error> {
+) -> String {
     let lines = lines.into_iter().map(|(name, points)| Series::line(name, points));
     let (name, title) = ("chart".to_owned(), title.to_owned());
     Figure { name, title, x: Axis::logarithmic(x), y: Axis::linear(y), marks: Marks::lines(lines.collect()) }.svg_file()
@@ -57,13 +54,9 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     let output = folder.lock_results()?;
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
-    output.claim(
-        figures.iter().flat_map(|figure| ["svg", "png"].map(|kind| format!("{PLOTS}/{}.{kind}", figure.name))),
-    )?;
-    for figure in &figures {
-        output.write(&format!("{PLOTS}/{}.svg", figure.name), figure.svg_file()?)?;
-        gs_io::write_png(output.file(&format!("{PLOTS}/{}.png", figure.name)), &figure.image()?)?;
-    }
+    let file = |figure: &Figure| format!("{PLOTS}/{}.svg", figure.name);
+    output.claim(figures.iter().map(file))?;
+    figures.iter().try_for_each(|figure| output.write(&file(figure), figure.svg_file()))?;
     Ok(output.write(PAGE, with_page(results, folder, command, &figures, |page| page.html())?)?)
 }
 
@@ -93,11 +86,11 @@ fn with_page(
     folder: &StudyFolder,
     command: &str,
     figures: &[Figure],
-    html: fn(&Page<'_>) -> Result<String, Error>,
+    html: fn(&Page<'_>) -> String,
 ) -> Result<String, Error> {
     let pictured = results.plan.study.budgets.iter().copied().max().unwrap_or(0);
     let multiples = pictures::multiples(results, pictured, |run, index| folder.picture(run, index))?;
-    html(&Page { results, command, figures, multiples: &multiples, pictured })
+    Ok(html(&Page { results, command, figures, multiples: &multiples, pictured }))
 }
 
 /// The leading arm at each budget, at equal count, iterations and time, and the verdict on each

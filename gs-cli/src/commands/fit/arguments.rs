@@ -20,7 +20,7 @@ makes one of any scene
   ellipses.png            the most important Gaussians as ellipses over the reconstruction
   metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; \
 metrics.part.csv until the end
-  curve.png               count, loss and PSNR over the steps
+  curve.svg               count, loss and PSNR over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 

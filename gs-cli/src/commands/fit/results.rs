@@ -112,7 +112,7 @@ impl Results<'_> {
                     settings.and_then(|text| self.run.folder.write("settings.toml", &text)),
                     match self.explains() {
                         true => write_curve(&self.run.folder, points, log, &title),
-                        false => self.run.folder.leave_out(["ellipses.png", "curve.png"]),
+                        false => self.run.folder.leave_out(["ellipses.png", "curve.svg"]),
                     },
                 ]
             });

@@ -47,7 +47,7 @@ settings whose times differ by less than the noise, the one with the lowest medi
 the answer says so. The answer is printed on standard output, everything else on standard error.
 
 DIR then holds frontier.csv, the table; frontier.json, the same with all times and the answer; and \
-frontier.svg and .png, error against time.";
+frontier.svg, error against time.";
 
 /// The flags of `gs frontier`.
 #[derive(Debug, Clone, Args)]
@@ -84,7 +84,7 @@ pub(crate) struct FrontierArgs {
 }
 
 /// The files that are written.
-const FILES: [&str; 4] = ["frontier.csv", "frontier.json", "frontier.svg", "frontier.png"];
+const FILES: [&str; 3] = ["frontier.csv", "frontier.json", "frontier.svg"];
 
 impl FrontierArgs {
     fn budget(&self) -> Option<Budget> {
@@ -183,11 +183,9 @@ where
         }
     }?;
     if let Some(folder) = folder {
-        let (svg, image) = found.figure(&what)?;
         folder.write("frontier.csv", found.csv())?;
         folder.write_json("frontier.json", &report)?;
-        folder.write("frontier.svg", svg)?;
-        gs_io::write_png(folder.file("frontier.png"), &image)?;
+        folder.write("frontier.svg", found.figure(&what))?;
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
     // The frontier is printed and written even if the budget cannot be kept or verified.

@@ -26,7 +26,7 @@ Popping is measured by the second difference of three frames, averaged over SSIM
 the step, a quarter of the motion remains, but all of a jump. So each number is given for three \
 steps: what stays the same is popping, what falls is motion.
 
-DIR then holds popping.csv, the table; flicker-chart.csv, .png and .svg, frame by frame; and \
+DIR then holds popping.csv, the table; flicker-chart.csv and .svg, frame by frame; and \
 popping.png, two consecutive frames with the worst popping in both orders, and their \
 differences.";
 
@@ -55,7 +55,7 @@ pub(crate) struct PoppingArgs {
 }
 
 /// The files that are written.
-const FILES: [&str; 5] = ["popping.csv", "flicker-chart.csv", "flicker-chart.png", "flicker-chart.svg", "popping.png"];
+const FILES: [&str; 4] = ["popping.csv", "flicker-chart.csv", "flicker-chart.svg", "popping.png"];
 
 /// Measures, prints the table and writes the files.
 pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
         output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
     }
     let findings = popping_prices(rasterizer, scene, &flight, &first, &render, &what)?;
-    folder.write_all(findings.files("")?)?;
+    folder.write_all(findings.files(""))?;
     output::result(findings.to_string().trim_end())?;
     output::note(format_args!("see {}", folder.path().display()));
     Ok(())

@@ -77,7 +77,7 @@ worse, can't tell (0 is in the interval) or no verdict (there is no interval, an
   tables.md, tables.tex   for a text: quality, each image or scene, and differences, as Markdown \
 and as LaTeX with booktabs
   times.csv, *-at-time.csv   the tables that depend on time
-  plots/                  the report's curves as SVG and PNG
+  plots/                  the report's curves as SVG
   study.toml, machine.json   the study, and the machine that ran it
   runs/, pictures/        the stored runs, and claims on runs that are under way
 

@@ -40,7 +40,7 @@ a text model of COLMAP
   evaluation.json  PSNR, SSIM, MS-SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over at most \
 8 of the held-out views; metrics.part.csv until the end
-  curve.png        count, loss and PSNR over the steps
+  curve.svg        count, loss and PSNR over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 

@@ -237,7 +237,7 @@ impl Results<'_> {
             self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png"]),
             self.write_cameras(trainer),
             match !self.run.job.pictures {
-                true => self.run.folder.leave_out(["ellipses.png", "curve.png"]),
+                true => self.run.folder.leave_out(["ellipses.png", "curve.svg"]),
                 false => self.write_curve(trainer.count(), points, log),
             },
         ];

@@ -26,7 +26,7 @@ mod tests;
 use std::fmt;
 
 use gs_backend::AnyRasterizer;
-use gs_core::{Image, Optimizer, RenderSettings, Scene, counted};
+use gs_core::{Optimizer, RenderSettings, Scene, counted};
 use serde::{Serialize, Serializer};
 
 use self::{
@@ -120,13 +120,9 @@ impl FrontierReport {
         self.frontier.table().csv()
     }
 
-    /// The figure of error against time, as SVG and as pixels.
-    ///
-    /// # Errors
-    /// [`Error::Picture`] with what the drawing library reports.
-    pub fn figure(&self, title: &str) -> Result<(String, Image), Error> {
-        let figure = self.frontier.figure(title);
-        Ok((figure.svg_file()?, figure.image()?))
+    /// The figure of error against time, as SVG.
+    pub fn figure(&self, title: &str) -> String {
+        self.frontier.figure(title).svg_file()
     }
 
     /// The flags of `gs render` for the settings that keep the budget, below comments with what was measured.

@@ -173,7 +173,7 @@ fn all_forms_of_the_result_have_all_rows() {
     for row in &frontier.rows {
         assert!(text.contains(&row.name()), "{}", row.name());
     }
-    let svg = frontier.figure("a scene").svg_file().unwrap();
+    let svg = frontier.figure("a scene").svg_file();
     for expected in ["a scene", "cpu: best trade-offs", "cpu: other settings", "cpu: as in 3DGS", "largest error"] {
         assert!(svg.contains(expected), "{expected}");
     }

@@ -1,11 +1,9 @@
 //! Figures of a fit over its steps, one below the other: number of Gaussians and loss
 //! (paper Fig. 8), and PSNR.
 
-use gs_core::Image;
 use gs_train::MetricsRow;
 
-use super::{Axis, Dots, Figure, Marks, Series};
-use crate::error::Error;
+use super::{Axis, Dots, Figure, HEIGHT, Marks, Series, WIDTH};
 
 /// One point of the curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,12 +17,9 @@ pub struct CurvePoint {
     pub loss: f32,
 }
 
-/// Draws the curves under a title; the PSNR is that of the rows of a log. Without a finite PSNR its
-/// figure is left out.
-///
-/// # Errors
-/// [`Error::Picture`] with what the drawing library reports.
-pub fn draw(points: &[CurvePoint], rows: &[MetricsRow], title: &str) -> Result<Image, Error> {
+/// Draws the curves under a title, as an SVG file; the PSNR is that of the rows of a log. Without a
+/// finite PSNR its figure is left out.
+pub fn draw(points: &[CurvePoint], rows: &[MetricsRow], title: &str) -> String {
     let counts = points.iter().map(|p| (f64::from(p.step), f64::from(p.count))).collect();
     let losses = points.iter().map(|p| (f64::from(p.step), f64::from(p.loss)));
     let losses = losses.filter(|(_, loss)| loss.is_finite() && *loss > 0.0).collect();
@@ -37,16 +32,12 @@ pub fn draw(points: &[CurvePoint], rows: &[MetricsRow], title: &str) -> Result<I
     if !psnrs.is_empty() {
         panels.push(panel("", 2, Axis::linear("PSNR, dB"), psnrs, Dots::All));
     }
-    // One panel at a time: large runs write their results in little more memory than training takes.
-    let (mut width, mut height, mut pixels) = (0, 0, Vec::new());
-    for panel in &panels {
-        let image = panel.image()?;
-        pixels.reserve_exact(image.pixels().len());
-        pixels.extend_from_slice(image.pixels());
-        (width, height) = (image.width(), height + image.height());
-    }
-    let failed = |error: gs_core::Error| Error::Picture { name: "curve".to_owned(), message: error.to_string() };
-    Image::from_pixels(width, height, pixels).map_err(failed)
+    let height = panels.len() as u32 * HEIGHT;
+    let below = |(place, panel): (u32, &Figure)| {
+        panel.svg_file().replacen("<svg ", &format!("<svg y=\"{}\" ", place * HEIGHT), 1)
+    };
+    let panels: String = (0..).zip(&panels).map(below).collect();
+    format!("<svg width=\"{WIDTH}\" height=\"{height}\" xmlns=\"http://www.w3.org/2000/svg\">\n{panels}</svg>\n")
 }
 
 fn panel(title: &str, style: usize, y: Axis, points: Vec<(f64, f64)>, dots: Dots) -> Figure {
@@ -75,7 +66,7 @@ fn thinned(line: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{report::figure::COLORS, run::tests::finished};
+    use crate::{report::figure::color, run::tests::finished};
 
     /// Rows of a log with a PSNR after each of these steps.
     fn rows(psnrs: &[(u32, f64)]) -> Vec<MetricsRow> {
@@ -83,24 +74,17 @@ mod tests {
         psnrs.iter().map(|&(step, psnr)| MetricsRow { step, psnr: Some(psnr), ..row }).collect()
     }
 
-    /// Number of pixels of the colour of a style.
-    fn count_of(image: &Image, style: usize) -> usize {
-        let plotters::style::RGBColor(r, g, b) = COLORS[style];
-        let wanted = [r, g, b].map(|v| f32::from(v) / 255.0);
-        image.pixels().iter().filter(|p| p.iter().zip(wanted).all(|(v, w)| (v - w).abs() < 0.02)).count()
-    }
-
     #[test]
     fn all_curves_and_the_title_are_there() {
         let points: Vec<CurvePoint> =
             (0..200).map(|step| CurvePoint { step, count: 20 + 3 * step, loss: 0.2 / (1.0 + step as f32) }).collect();
         let psnrs: Vec<(u32, f64)> = (0..10).map(|i| (20 * i, 20.0 + f64::from(i))).collect();
-        let drawn = draw(&points, &rows(&psnrs), "count and loss").unwrap();
-        assert!((0..3).all(|style| count_of(&drawn, style) > 500));
-        let without = draw(&points, &[], "count and loss").unwrap();
-        assert_eq!((2 * drawn.height(), count_of(&without, 2)), (3 * without.height(), 0));
-        let title_rows = &drawn.pixels()[..(60 * drawn.width()) as usize];
-        assert!(title_rows.iter().filter(|p| p[0] < 0.4).count() > 200, "the title is written");
+        let has = |svg: &str, style: usize| svg.contains(&format!("<path fill=\"none\" stroke=\"{}\"", color(style)));
+        let drawn = draw(&points, &rows(&psnrs), "count < loss");
+        assert!((0..3).all(|style| has(&drawn, style)) && drawn.contains("count &lt; loss"), "{drawn}");
+        assert!(drawn.contains(&format!("height=\"{}\"", 3 * HEIGHT)) && drawn.contains(&format!("<svg y=\"{HEIGHT}\"")));
+        let without = draw(&points, &[], "count and loss");
+        assert!(without.contains(&format!("height=\"{}\"", 2 * HEIGHT)) && !has(&without, 2), "{without}");
     }
 
     #[test]
@@ -125,7 +109,8 @@ mod tests {
             (&[at(1, 5, f32::INFINITY), at(4_000_000_000, 4_000_000_000, 1e-30)], &[(7, 0.0)]),
         ];
         for (points, psnrs) in cases {
-            draw(points, &rows(psnrs), "").unwrap_or_else(|error| panic!("{points:?}, {psnrs:?}: {error}"));
+            let svg = draw(points, &rows(psnrs), "");
+            assert!(svg.ends_with("</svg>\n") && !svg.contains("NaN") && !svg.contains("inf"), "{points:?}, {psnrs:?}");
         }
     }
 }

@@ -1,25 +1,29 @@
-//! Draws a figure: lines with bands, or intervals, with axes, title and legend.
+//! Draws a figure as SVG: lines with bands, or intervals, with axes, title and legend.
 
-use std::ops::Range;
+use std::{fmt::Write as _, ops::Range};
 
-use plotters::{
-    prelude::*,
-    style::text_anchor::{HPos, VPos},
-};
+use maud::html;
 
 use super::{
-    Axis, Bar, COLORS, Dots, Figure, GRID, INK, Paper, Series, WIDTH,
+    Axis, Bar, COLORS, Dots, Figure, GRID, INK, Marks, Series, WIDTH,
     axis::{digits, label, range, ticks},
-    color,
-    surface::{Place, Surface},
+    color, hex,
 };
 
-/// Font sizes, in the unit of the drawing library: 1.24 times the size in px.
-const TITLE: u32 = 19;
-const MEDIUM: u32 = 17;
-const SMALL: u32 = 16;
-/// Width of a letter, as a share of the font size.
-const LETTER: f64 = 0.5;
+/// Font sizes, px.
+const TITLE: f64 = 15.5;
+const MEDIUM: f64 = 14.0;
+const SMALL: f64 = 13.0;
+/// Width of a letter of [`SMALL`] text, px.
+const LETTER: f64 = 8.0;
+
+/// Strokes of lines.
+const THIN: &str = "stroke-width=\"1\"";
+const WIDE: &str = "stroke-width=\"2\"";
+const DASHED: &str = "stroke-width=\"2\" stroke-dasharray=\"6 4\"";
+
+/// A position, px.
+type Place = (f64, f64);
 
 /// A point in the coordinates of the axes.
 #[derive(Clone, Copy)]
@@ -31,21 +35,18 @@ struct Placed {
 }
 
 /// A figure while it is being drawn.
-pub(super) struct Drawing<'a> {
-    pub(super) surface: Surface<'a>,
-    /// Width and height, px.
-    pub(super) size: (u32, u32),
-    pub(super) paper: Paper,
-    /// All lengths are multiplied by this.
-    pub(super) zoom: u32,
+struct Drawing {
+    /// The elements so far.
+    svg: String,
+    height: f64,
 }
 
 /// The area between the axes.
 struct Plot {
     /// Left and right edge, px.
-    columns: (i32, i32),
+    columns: (f64, f64),
     /// Bottom and top edge, px.
-    rows: (i32, i32),
+    rows: (f64, f64),
     xs: Range<f64>,
     ys: Range<f64>,
 }
@@ -53,20 +54,39 @@ struct Plot {
 /// The ticks of an axis with their labels.
 type Ticks = Vec<(f64, String)>;
 
+/// The figure as SVG; in a page without title and background, which the page has.
+pub(super) fn svg(figure: &Figure, is_in_page: bool) -> String {
+    let height = figure.height();
+    let mut drawing = Drawing { svg: String::new(), height: height.into() };
+    if !is_in_page {
+        drawing.svg += "<rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>\n";
+    }
+    let title = if is_in_page { "" } else { &figure.title };
+    match &figure.marks {
+        Marks::Lines(series) => drawing.lines(figure, title, series),
+        Marks::Intervals(bars) => drawing.intervals(figure, title, bars),
+    }
+    // The corners of noisy lines must not reach beyond them.
+    format!(
+        "<svg width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" xmlns=\"http://www.w3.org/2000/svg\" \
+         font-family=\"sans-serif\" stroke-linejoin=\"round\">\n{}</svg>\n",
+        drawing.svg
+    )
+}
+
 impl Plot {
-    /// The pixel of a point.
+    /// The place of a point.
     fn at(&self, x: f64, y: f64) -> Place {
-        let map = |value: f64, range: &Range<f64>, (from, to): (i32, i32)| {
-            let share = (value - range.start) / (range.end - range.start);
-            from + (share * f64::from(to - from)).round() as i32
+        let map = |value: f64, range: &Range<f64>, (from, to): (f64, f64)| {
+            from + (value - range.start) / (range.end - range.start) * (to - from)
         };
         (map(x, &self.xs, self.columns), map(y, &self.ys, self.rows))
     }
 }
 
-impl Drawing<'_> {
-    pub(super) fn lines(&mut self, figure: &Figure, series: &[Series]) -> Result<(), String> {
-        let top = self.head(&figure.title, series)?;
+impl Drawing {
+    fn lines(&mut self, figure: &Figure, title: &str, series: &[Series]) {
+        let top = self.head(title, series);
         let placed: Vec<Vec<Placed>> = series.iter().map(|series| figure.placed(series)).collect();
         let points = || placed.iter().flatten();
         let xs = range(points().map(|point| point.x), 0.02);
@@ -77,209 +97,160 @@ impl Drawing<'_> {
             ticks.into_iter().map(|place| (place, axis.scale.label(place, digits))).collect()
         };
         let (x_ticks, y_ticks) = (labelled(&figure.x, &xs), labelled(&figure.y, &ys));
-        let plot = self.plot(top, 62, xs, ys);
-        self.axes(figure, &plot, &x_ticks, &y_ticks)?;
-        let zoom = self.zoom;
+        let plot = self.plot(top, 72.0, xs, ys);
+        self.axes(figure, &plot, &x_ticks, &y_ticks);
         for (Series { style, dots, .. }, points) in series.iter().zip(&placed).filter(|(_, points)| !points.is_empty())
         {
             if points.iter().any(|point| point.low < point.high) {
                 let there = points.iter().map(|point| plot.at(point.x, point.low));
                 let back = points.iter().rev().map(|point| plot.at(point.x, point.high));
-                self.surface.polygon(&there.chain(back).collect::<Vec<_>>(), color(*style).mix(0.18))?;
+                self.polygon(&there.chain(back).collect::<Vec<_>>(), &color(*style), 0.18);
             }
             let line: Vec<Place> = points.iter().map(|point| plot.at(point.x, point.y)).collect();
-            match is_dashed(*style) {
-                _ if *dots == Dots::Alone => {}
-                true => {
-                    for dash in dashes(&line, f64::from(6 * zoom), f64::from(4 * zoom)) {
-                        self.surface.line(&dash, color(*style), 2 * zoom)?;
-                    }
-                }
-                false => self.surface.line(&line, color(*style), 2 * zoom)?,
+            if *dots != Dots::Alone {
+                self.curve(&line, *style);
             }
             let marked = if *dots == Dots::Last { &line[line.len() - 1..] } else { &line[..] };
-            marked.iter().try_for_each(|&place| self.mark(*style, place, 4))?;
+            marked.iter().for_each(|&place| self.mark(*style, place, 4.0));
         }
-        Ok(())
     }
 
-    pub(super) fn intervals(&mut self, figure: &Figure, bars: &[Bar]) -> Result<(), String> {
-        let top = self.head(&figure.title, &[])?;
+    fn intervals(&mut self, figure: &Figure, title: &str, bars: &[Bar]) {
+        let top = self.head(title, &[]);
         let ends = |bar: &Bar| bar.interval.map_or([bar.mean; 2], |interval| [interval.low, interval.high]);
         let xs = range(bars.iter().flat_map(ends).chain([0.0]), 0.05);
         let rows = bars.len().max(1) as f64;
         let longest = bars.iter().map(|bar| bar.label.chars().count()).max().unwrap_or(0);
-        let labels = (longest as f64 * LETTER * f64::from(SMALL)) as u32 + 12;
         let x_ticks = ticks(&xs, 8);
         let x_digits = digits(&x_ticks);
         let x_ticks: Ticks = x_ticks.into_iter().map(|x| (x, label(x, x_digits))).collect();
         let middle = |row: usize| row as f64 + 0.5;
         let y_ticks: Ticks = bars.iter().enumerate().map(|(row, bar)| (middle(row), bar.label.clone())).collect();
-        let plot = self.plot(top, labels, xs, rows..0.0);
-        self.axes(figure, &plot, &x_ticks, &y_ticks)?;
-        let zoom = self.zoom;
-        self.surface.line(&[plot.at(0.0, 0.0), plot.at(0.0, rows)], INK, zoom)?;
+        let plot = self.plot(top, longest as f64 * LETTER + 22.0, xs, rows..0.0);
+        self.axes(figure, &plot, &x_ticks, &y_ticks);
+        self.line(&[plot.at(0.0, 0.0), plot.at(0.0, rows)], &hex(INK), THIN);
         for (row, bar) in bars.iter().enumerate() {
             let (y, ink) = (middle(row), color(bar.style));
             if bar.interval.is_some() {
-                self.surface.line(&ends(bar).map(|x| plot.at(x, y)), ink, 2 * zoom)?;
+                self.line(&ends(bar).map(|x| plot.at(x, y)), &ink, WIDE);
             }
+            let (x, y) = plot.at(bar.mean, y);
             match bar.is_judged {
-                true => self.mark(bar.style, plot.at(bar.mean, y), 5)?,
-                false => self.surface.circle(plot.at(bar.mean, y), 5 * zoom, ink, 2 * zoom)?,
+                true => self.mark(bar.style, (x, y), 5.0),
+                false => self.add(&format!(
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"none\" stroke=\"{ink}\" {WIDE}/>"
+                )),
             }
         }
-        Ok(())
     }
 
-    fn px(&self, length: u32) -> i32 {
-        (length * self.zoom) as i32
+    fn add(&mut self, element: &str) {
+        self.svg.extend([element, "\n"]);
     }
 
-    fn text(&mut self, text: &str, place: Place, size: u32, anchor: (HPos, VPos)) -> Result<(), String> {
-        self.surface.text(text, place, f64::from(size * self.zoom), anchor)
+    fn line(&mut self, points: &[Place], color: &str, stroke: &str) {
+        let points = coordinates(points);
+        self.add(&format!("<path fill=\"none\" stroke=\"{color}\" {stroke} d=\"M{points}\"/>"));
     }
 
-    /// Draws title and legend; returns their height, px before zooming. In a page the caption is
-    /// the title.
-    fn head(&mut self, title: &str, series: &[Series]) -> Result<u32, String> {
-        let (width, height) = (self.size.0 as i32, self.size.1 as i32);
-        if self.paper == Paper::White {
-            self.surface.polygon(&[(0, 0), (width, 0), (width, height), (0, height)], WHITE.to_rgba())?;
+    /// A line in the colour of a style, dashed beyond the seventh.
+    fn curve(&mut self, points: &[Place], style: usize) {
+        self.line(points, &color(style), if style < COLORS.len() { WIDE } else { DASHED });
+    }
+
+    fn polygon(&mut self, corners: &[Place], color: &str, opacity: f64) {
+        let points = coordinates(corners);
+        self.add(&format!("<polygon fill=\"{color}\" opacity=\"{opacity}\" points=\"{points}\"/>"));
+    }
+
+    /// Text that starts, ends or is centred at a place, as `anchor` says, and lies `down` letters below it.
+    fn text(&mut self, text: &str, (x, y): Place, size: f64, (anchor, down): (&str, f64)) {
+        let text = html! { (text) }.into_string();
+        self.add(&format!(
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" dy=\"{down}em\" font-size=\"{size}\" text-anchor=\"{anchor}\" fill=\"{}\">{text}</text>",
+            hex(INK)
+        ));
+    }
+
+    /// Draws title and legend; returns their height, px.
+    fn head(&mut self, title: &str, series: &[Series]) -> f64 {
+        const MIDDLE: (&str, f64) = ("start", 0.35);
+        if !title.is_empty() {
+            self.text(title, (14.0, 18.0), TITLE, MIDDLE);
         }
-        let z = self.zoom as i32;
-        let middle = (HPos::Left, VPos::Center);
-        let untitled = title.is_empty() || self.paper == Paper::Clear;
-        if !untitled {
-            self.text(title, (14 * z, 18 * z), TITLE, middle)?;
-        }
-        let (mut x, mut y) = (14, if untitled { 18 } else { 42 });
+        let (mut x, mut y) = (14.0, if title.is_empty() { 18.0 } else { 42.0 });
         for Series { style, name, dots, .. } in series {
-            let width = 36 + (name.chars().count() as f64 * LETTER * f64::from(SMALL)) as i32;
-            if x + width > WIDTH as i32 - 10 && x > 14 {
-                (x, y) = (14, y + 20);
+            let width = 36.0 + name.chars().count() as f64 * LETTER;
+            if x + width > f64::from(WIDTH) - 10.0 && x > 14.0 {
+                (x, y) = (14.0, y + 20.0);
             }
-            // Dashed or invisible, like the line itself.
-            let pieces: &[(i32, i32)] = match dots {
-                Dots::Alone => &[],
-                _ if is_dashed(*style) => &[(0, 6), (10, 14), (18, 24)],
-                _ => &[(0, 24)],
-            };
-            for (from, to) in pieces {
-                let ends = [((x + from) * z, y * z), ((x + to) * z, y * z)];
-                self.surface.line(&ends, color(*style), 2 * self.zoom)?;
+            if *dots != Dots::Alone {
+                self.curve(&[(x, y), (x + 24.0, y)], *style);
             }
-            self.mark(*style, ((x + 12) * z, y * z), 4)?;
-            self.text(name, ((x + 29) * z, y * z), SMALL, middle)?;
-            x += width + 12;
+            self.mark(*style, (x + 12.0, y), 4.0);
+            self.text(name, (x + 29.0, y), SMALL, MIDDLE);
+            x += width + 12.0;
         }
-        Ok(if series.is_empty() { 34 } else { y as u32 + 14 })
+        if series.is_empty() { 34.0 } else { y + 14.0 }
     }
 
-    /// The area below the head with room for labels of `left` px.
-    fn plot(&self, top: u32, left: u32, xs: Range<f64>, ys: Range<f64>) -> Plot {
-        let (width, height) = (self.size.0 as i32, self.size.1 as i32);
-        Plot { columns: (self.px(left + 10), width - self.px(18)), rows: (height - self.px(52), self.px(top)), xs, ys }
+    /// The area below the head, with room of this width for labels.
+    fn plot(&self, top: f64, left: f64, xs: Range<f64>, ys: Range<f64>) -> Plot {
+        Plot { columns: (left, f64::from(WIDTH) - 18.0), rows: (self.height - 52.0, top), xs, ys }
     }
 
     /// Grid, axes, and their labels.
-    fn axes(&mut self, figure: &Figure, plot: &Plot, x_ticks: &Ticks, y_ticks: &Ticks) -> Result<(), String> {
-        let (zoom, tick) = (self.zoom, self.px(5));
+    fn axes(&mut self, figure: &Figure, plot: &Plot, x_ticks: &Ticks, y_ticks: &Ticks) {
         let ((left, right), (bottom, top)) = (plot.columns, plot.rows);
+        let (ink, grid) = (hex(INK), hex(GRID));
         for (x, label) in x_ticks {
             let (x, _) = plot.at(*x, plot.ys.start);
-            self.surface.line(&[(x, bottom), (x, top)], GRID, zoom)?;
-            self.surface.line(&[(x, bottom), (x, bottom + tick)], INK, zoom)?;
-            self.text(label, (x, bottom + 2 * tick), SMALL, (HPos::Center, VPos::Top))?;
+            self.line(&[(x, bottom), (x, top)], &grid, THIN);
+            self.line(&[(x, bottom), (x, bottom + 5.0)], &ink, THIN);
+            self.text(label, (x, bottom + 10.0), SMALL, ("middle", 0.8));
         }
         for (y, label) in y_ticks {
             let (_, y) = plot.at(plot.xs.start, *y);
-            self.surface.line(&[(left, y), (right, y)], GRID, zoom)?;
-            self.surface.line(&[(left - tick, y), (left, y)], INK, zoom)?;
-            self.text(label, (left - 2 * tick, y), SMALL, (HPos::Right, VPos::Center))?;
+            self.line(&[(left, y), (right, y)], &grid, THIN);
+            self.line(&[(left - 5.0, y), (left, y)], &ink, THIN);
+            self.text(label, (left - 10.0, y), SMALL, ("end", 0.35));
         }
-        self.surface.line(&[(left, top), (left, bottom), (right, bottom)], INK, zoom)?;
-        let below = (i32::midpoint(left, right), self.size.1 as i32 - self.px(6));
-        self.text(&figure.x.label, below, MEDIUM, (HPos::Center, VPos::Bottom))?;
-        if figure.y.label.is_empty() {
-            return Ok(());
+        self.line(&[(left, top), (left, bottom), (right, bottom)], &ink, THIN);
+        self.text(&figure.x.label, (f64::midpoint(left, right), self.height - 9.0), MEDIUM, ("middle", 0.0));
+        if !figure.y.label.is_empty() {
+            let _ = write!(self.svg, "<g transform=\"translate(6 {:.1}) rotate(-90)\">", f64::midpoint(bottom, top));
+            self.text(&figure.y.label, (0.0, 0.0), MEDIUM, ("middle", 0.8));
+            self.add("</g>");
         }
-        let beside = (self.px(6), i32::midpoint(bottom, top));
-        self.surface.upward_text(&figure.y.label, beside, f64::from(MEDIUM * zoom))
     }
 
-    /// Draws the marker of a style, one of four shapes, of radius `r` px before zooming.
-    fn mark(&mut self, style: usize, (x, y): Place, r: u32) -> Result<(), String> {
-        let (fill, radius, r) = (color(style), r * self.zoom, self.px(r));
+    /// Draws the marker of a style, one of four shapes, of radius `r` px.
+    fn mark(&mut self, style: usize, (x, y): Place, r: f64) {
+        let fill = color(style);
         let corners: &[Place] = match style % 4 {
-            0 => return self.surface.disc((x, y), radius, fill),
+            0 => return self.add(&format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{r}\" fill=\"{fill}\"/>")),
             1 => &[(x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r)],
-            2 => &[(x - r - 1, y + r), (x + r + 1, y + r), (x, y - r - 1)],
-            _ => &[(x - r - 1, y), (x, y - r - 1), (x + r + 1, y), (x, y + r + 1)],
+            2 => &[(x - r - 1.0, y + r), (x + r + 1.0, y + r), (x, y - r - 1.0)],
+            _ => &[(x - r - 1.0, y), (x, y - r - 1.0), (x + r + 1.0, y), (x, y + r + 1.0)],
         };
-        self.surface.polygon(corners, fill.to_rgba())
+        self.polygon(corners, &fill, 1.0);
     }
+}
+
+/// Places as SVG writes them.
+fn coordinates(places: &[Place]) -> String {
+    places.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ")
 }
 
 impl Figure {
     /// The points that the axes can show. Where they cannot show a band's edge, the line takes its
     /// place.
     fn placed(&self, series: &Series) -> Vec<Placed> {
-        let place = |point: &crate::report::figure::FigurePoint| {
+        let place = |point: &super::FigurePoint| {
             let (x, y) = (self.x.scale.place(point.x)?, self.y.scale.place(point.y)?);
             let edge = |value: f64| self.y.scale.place(value).unwrap_or(y);
             Some(Placed { x, y, low: edge(point.low), high: edge(point.high) })
         };
         series.points.iter().filter_map(place).collect()
-    }
-}
-
-fn is_dashed(style: usize) -> bool {
-    style >= COLORS.len()
-}
-
-/// The dashes of a line, with gaps between them, px.
-fn dashes(line: &[Place], dash: f64, gap: f64) -> Vec<Vec<Place>> {
-    let mut all = Vec::new();
-    let mut current: Vec<Place> = line.first().copied().into_iter().collect();
-    let (mut is_drawn, mut left) = (true, dash);
-    for ends in line.windows(2) {
-        let [from, to] = [ends[0], ends[1]].map(|(x, y)| (f64::from(x), f64::from(y)));
-        let length = (to.0 - from.0).hypot(to.1 - from.1);
-        let mut done = 0.0;
-        while length - done > left {
-            done += left;
-            let share = done / length;
-            let place = (from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1));
-            let place = (place.0.round() as i32, place.1.round() as i32);
-            if is_drawn {
-                current.push(place);
-                all.push(std::mem::take(&mut current));
-            } else {
-                current = vec![place];
-            }
-            is_drawn = !is_drawn;
-            left = if is_drawn { dash } else { gap };
-        }
-        left -= length - done;
-        if is_drawn {
-            current.push(ends[1]);
-        }
-    }
-    if current.len() > 1 {
-        all.push(current);
-    }
-    all
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dashes_follow_the_line_around_corners() {
-        let found = dashes(&[(0, 0), (10, 0), (10, 10)], 6.0, 2.0);
-        assert_eq!(found, [vec![(0, 0), (6, 0)], vec![(8, 0), (10, 0), (10, 4)], vec![(10, 6), (10, 10)]]);
-        assert!(dashes(&[], 6.0, 2.0).is_empty() && dashes(&[(1, 1)], 6.0, 2.0).is_empty());
     }
 }

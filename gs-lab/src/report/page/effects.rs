@@ -3,7 +3,6 @@
 use maud::{Markup, html};
 
 use crate::{
-    error::Error,
     report::page::{
         Page,
         numbers::{remark, table},
@@ -15,20 +14,20 @@ use crate::{
 
 impl Page<'_> {
     /// Main effects and interactions; nothing for a study without factors.
-    pub(super) fn effects(&self) -> Result<Markup, Error> {
+    pub(super) fn effects(&self) -> Markup {
         let study = &self.results.plan.study;
         if study.factors.is_empty() {
-            return Ok(Markup::default());
+            return Markup::default();
         }
         let mut parts = Vec::new();
         for &matching in &study.matchings {
-            let drawn = self.figure(&format!("effects-at-equal-{}", matching.name()))?;
+            let drawn = self.figure(&format!("effects-at-equal-{}", matching.name()));
             parts.push(html! {
                 h3 { (capital(at_equal(matching))) }
                 div.beside { (drawn) (self.effects_table(matching)) }
             });
         }
-        Ok(html! {
+        html! {
             section {
                 h2 { "Effects of the factors" }
                 p {
@@ -41,7 +40,7 @@ impl Page<'_> {
                 } }
                 @for part in parts { (part) }
             }
-        })
+        }
     }
 
     fn effects_table(&self, matching: Matching) -> Markup {

@@ -3,7 +3,6 @@
 use maud::{Markup, html};
 
 use crate::{
-    error::Error,
     report::{
         html,
         page::{Page, words::gaussians},
@@ -13,25 +12,24 @@ use crate::{
 
 impl Page<'_> {
     /// The figure of that name; nothing where there is none.
-    pub(super) fn figure(&self, name: &str) -> Result<Markup, Error> {
-        self.figures.iter().find(|figure| figure.name == name).map_or_else(|| Ok(Markup::default()), html::figure)
+    pub(super) fn figure(&self, name: &str) -> Markup {
+        self.figures.iter().find(|figure| figure.name == name).map_or_else(Markup::default, html::figure)
     }
 
-    pub(super) fn curves(&self) -> Result<Markup, Error> {
+    pub(super) fn curves(&self) -> Markup {
         let is_curve = |name: &str| !["differences", "effects"].iter().any(|start| name.starts_with(start));
         let curves = self.figures.iter().filter(|figure| is_curve(&figure.name));
-        let drawn = curves.map(html::figure).collect::<Result<Vec<_>, _>>()?;
-        Ok(html! {
+        html! {
             section {
                 h2 { "Curves" }
                 p {
                     "Lines are means over " (self.targets()) " and seeds; bands go from the lowest to the highest seed, each a mean over the "
                     (self.targets()) ". "
-                    "Files in SVG and PNG are in " code { "plots/" } "."
+                    "Files in SVG are in " code { "plots/" } "."
                 }
-                div.figures { @for figure in drawn { (figure) } }
+                div.figures { @for figure in curves { (html::figure(figure)) } }
             }
-        })
+        }
     }
 
     pub(super) fn pictures(&self) -> Markup {

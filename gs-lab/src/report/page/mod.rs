@@ -11,7 +11,6 @@ use maud::{Markup, html};
 
 use super::{claims, figure::Figure, html};
 use crate::{
-    error::Error,
     report::{page::words::listed, pictures::Multiples},
     result::Results,
     run::RunOutcome,
@@ -32,7 +31,7 @@ pub(crate) struct Page<'a> {
 
 impl Page<'_> {
     /// The page as HTML.
-    pub(crate) fn html(&self) -> Result<String, Error> {
+    pub(crate) fn html(&self) -> String {
         let study = &self.results.plan.study;
         let body = html! {
             header {
@@ -45,21 +44,21 @@ impl Page<'_> {
                 (self.winners())
                 (self.claims())
                 (self.quality())
-                (self.differences()?)
-                (self.effects()?)
-                (self.curves()?)
+                (self.differences())
+                (self.effects())
+                (self.curves())
                 (self.pictures())
                 (self.arms())
                 (self.failures())
                 (self.method())
             }
         };
-        Ok(html::page(&format!("Study: {}", study.name), &body))
+        html::page(&format!("Study: {}", study.name), &body)
     }
 
     /// The sections that another page shows.
-    pub(crate) fn excerpt(&self) -> Result<String, Error> {
-        Ok(html! { (self.quality()) (self.curves()?) (self.pictures()) }.into_string())
+    pub(crate) fn excerpt(&self) -> String {
+        html! { (self.quality()) (self.curves()) (self.pictures()) }.into_string()
     }
 
     fn claims(&self) -> Markup {

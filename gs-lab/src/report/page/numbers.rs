@@ -4,7 +4,6 @@ use gs_core::counted;
 use maud::{Markup, html};
 
 use crate::{
-    error::Error,
     report::page::{
         Page,
         words::{at_equal, capital, grouped, signed},
@@ -63,13 +62,13 @@ impl Page<'_> {
         }
     }
 
-    pub(super) fn differences(&self) -> Result<Markup, Error> {
+    pub(super) fn differences(&self) -> Markup {
         let study = &self.results.plan.study;
         let baseline = study.baseline_arm();
         let others: Vec<usize> = (0..study.arms.len()).filter(|&arm| arm != baseline).collect();
         let mut parts = Vec::new();
         for &matching in &study.matchings {
-            let drawn = self.figure(&format!("differences-at-equal-{}", matching.name()))?;
+            let drawn = self.figure(&format!("differences-at-equal-{}", matching.name()));
             let second = self.second_metric(matching);
             let rows: Vec<(u32, usize)> =
                 study.budgets.iter().flat_map(|&budget| others.iter().map(move |&arm| (budget, arm))).collect();
@@ -98,7 +97,7 @@ impl Page<'_> {
                 }
             });
         }
-        Ok(html! {
+        html! {
             section {
                 h2 { "Differences from " (study.arms[baseline].name) }
                 p {
@@ -116,7 +115,7 @@ impl Page<'_> {
                 }
                 @for part in parts { (part) }
             }
-        })
+        }
     }
 
     /// The metric beside PSNR; others are measured at the end of runs only.

@@ -61,19 +61,11 @@ fn the_report_is_one_page_with_all_its_pictures() {
     ] {
         assert!(page.contains(expected), "{expected}");
     }
-    let tables = ["tables.md", "tables.tex"].map(|name| fs::read_to_string(folder.file(name)).unwrap());
-    for (text, rows) in tables.iter().zip(["| arm | Gaussians | PSNR, dB |", "arm & Gaussians & PSNR, dB & SSIM"]) {
-        assert!(
-            text.contains(rows) && text.contains("no verdict") && text.contains("PSNR, dB of each image"),
-            "{text}"
-        );
-    }
     let linked = page.matches("src=\"").count();
     assert_eq!(linked, 2 * (1 + 2 * 2), "two images, each with two arms and their errors");
     assert_eq!(page.matches("src=\"data:").count(), linked, "nothing from elsewhere");
     assert!(!page.contains("href=") && !page.contains("<script"));
     for plot in ["quality-over-count", "quality-over-time-60", "growth-30", "differences-at-equal-time"] {
         assert!(folder.file("plots").join(format!("{plot}.svg")).is_file(), "{plot}");
-        gs_io::read_image(folder.file("plots").join(format!("{plot}.png"))).unwrap();
     }
 }
