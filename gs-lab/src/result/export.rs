@@ -1,4 +1,4 @@
-//! The tables of a study as CSV, JSON, Markdown and LaTeX files. Times are in files of their own, so that all other
+//! The tables of a study as CSV and JSON files. Times are in files of their own, so that all other
 //! files are the same byte for byte however a study was run: side by side, interrupted, or on more
 //! threads.
 
@@ -11,11 +11,10 @@ use super::{
     factorial::{Effect, EffectOf},
     remark::ResultRemark,
     tables::{Results, RunQuality, Spread},
-    text_tables,
 };
 use crate::{
     error::Error,
-    run::{CLAIMS, Finished, LATEX, MARKDOWN, RESULTS, Row, StudyFolder, VIEWS},
+    run::{CLAIMS, Finished, RESULTS, Row, StudyFolder, VIEWS},
     study::{Machine, Matching, Plan, Run, VERSION},
 };
 
@@ -36,8 +35,7 @@ struct Everything<'a> {
 /// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
 /// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
 /// of scenes also has `views.csv`, one with claims `claims.csv`, one with factors `effects.csv` (also in `results.json`) and
-/// `effects-at-time.csv`. `tables.md` and `tables.tex` are for texts: quality, each image or scene, and
-/// differences from the baseline.
+/// `effects-at-time.csv`.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -63,9 +61,6 @@ pub(crate) fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Resul
     output.write("differences.csv", differences_csv(&differences))?;
     output.write("differences-at-time.csv", differences_csv(&results.differences(&[Matching::Time])))?;
     output.write("times.csv", times_csv(results))?;
-    let (markdown, latex) = text_tables::texts(results);
-    output.write(MARKDOWN, markdown)?;
-    output.write(LATEX, latex)?;
     let everything = Everything {
         study: &plan.study.name,
         version: VERSION,

@@ -13,7 +13,6 @@ mod reach;
 pub(crate) mod remark;
 mod statistics;
 mod tables;
-mod text_tables;
 mod verdict;
 
 pub use self::{claim::significant, tables::Results};

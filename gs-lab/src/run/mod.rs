@@ -21,7 +21,7 @@ pub(crate) use self::{
     conduct::message as panic_message,
     record::{Record, ViewResult},
     recorded::Row,
-    result_names::{CLAIMS, LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
+    result_names::{CLAIMS, PAGE, PLOTS, RESULTS, VIEWS},
     resumption::{Conductor, Interruptions, JobCheckpoints, remove_checkpoint},
     task::PICTURED_VIEWS,
 };

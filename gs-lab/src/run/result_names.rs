@@ -6,13 +6,9 @@ pub(crate) const RESULTS: &str = "results.json";
 pub(crate) const VIEWS: &str = "views.csv";
 /// The verdicts on the study's claims.
 pub(crate) const CLAIMS: &str = "claims.csv";
-/// The tables for texts in Markdown.
-pub(crate) const MARKDOWN: &str = "tables.md";
-/// The tables for texts in LaTeX.
-pub(crate) const LATEX: &str = "tables.tex";
 
 /// File names of the tables.
-pub(crate) const TABLES: [&str; 12] = [
+pub(crate) const TABLES: [&str; 10] = [
     "runs.csv",
     "quality.csv",
     "differences.csv",
@@ -22,8 +18,6 @@ pub(crate) const TABLES: [&str; 12] = [
     "effects.csv",
     "effects-at-time.csv",
     "times.csv",
-    MARKDOWN,
-    LATEX,
     RESULTS,
 ];
 

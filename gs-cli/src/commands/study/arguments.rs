@@ -74,8 +74,6 @@ worse, can't tell (0 is in the interval) or no verdict (there is no interval, an
   effects.csv             of factors: main effects and interactions of two, with intervals
   claims.csv              of claims: verdicts, with how often each condition holds, and numbers
   results.json            these tables
-  tables.md, tables.tex   for a text: quality, each image or scene, and differences, as Markdown \
-and as LaTeX with booktabs
   times.csv, *-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG
   study.toml, machine.json   the study, and the machine that ran it

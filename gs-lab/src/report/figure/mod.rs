@@ -13,14 +13,9 @@ pub mod ellipses;
 pub(crate) use self::axis::grouped;
 
 use crate::result::Interval;
-use gs_core::Image;
-use plotters::{
-    prelude::*,
-    style::{FontStyle, register_font},
-};
 
-use self::{draw::Drawing, surface::Surface};
-
+/// Red, green and blue, 0 to 255.
+pub(crate) type Rgb = [u8; 3];
 
 /// Colour of text and axes.
 pub(crate) const INK: Rgb = [40, 40, 40];
@@ -41,6 +36,7 @@ pub(crate) const COLORS: [Rgb; 7] = [
 /// Width and height of a figure, px.
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 420;
+
 /// A figure, ready to be drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Figure {
