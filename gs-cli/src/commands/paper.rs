@@ -86,10 +86,8 @@ struct Prepared {
 pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let started = Instant::now();
     let experiments = args.only.map_or_else(|| EXPERIMENTS.iter().collect(), |only| vec![only]);
-    let mut claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
     // The folder of a study protects itself.
-    let alone = experiments.iter().filter(|one| one.studies(args.quick).is_ok_and(|studies| studies.is_empty()));
-    claim.folders.extend(alone.map(|experiment| experiment.name.to_owned()));
+    let claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
     output_folder::check(&claim)?;
     let backend = args.backend.open()?;
     let folder = OutputFolder::begin(claim)?;
@@ -100,7 +98,7 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let (mut chapters, count) = (Vec::new(), prepared.len());
     for prepared in &prepared {
         let (name, started) = (prepared.experiment.name, Instant::now());
-        chapters.push(chapter(prepared, args.quick, &backend.rasterizer, &folder, &interrupt)?);
+        chapters.push(chapter(prepared, &backend.rasterizer, &interrupt)?);
         let left = match count - chapters.len() {
             0 => String::new(),
             left => format!("; {} left", counted(left, "experiment")),
@@ -109,7 +107,7 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
         output::note(format_args!("{name}: {verdicts}; {:.1} s{left}", started.elapsed().as_secs_f64()));
     }
     folder.write(CLAIMS, claims_csv(&chapters))?;
-    folder.write(PAGE, page(&chapters, args.only, args.quick, &backend.reason)?)?;
+    folder.write(PAGE, page(&chapters, args.only, args.quick, &backend.reason))?;
     output::note(format_args!(
         "{} in {:.0} s; see {}",
         verdicts(&chapters),
@@ -135,19 +133,10 @@ fn prepare(args: &PaperArgs, experiment: &'static Experiment, on: &AnyRasterizer
 /// Makes an experiment and writes its results.
 fn chapter(
     Prepared { experiment, studies }: &Prepared,
-    quick: bool,
     on: &AnyRasterizer,
-    folder: &OutputFolder,
     interrupt: &Interrupt,
 ) -> Result<Chapter, Failure> {
-    let note = |what: &str| output::note(format_args!("{}: {what}", experiment.name));
-    // What this measures is not stored until it is complete, so there is nothing to go on from.
-    let mut chapter = interrupt.at_once(|| experiment.begin(on, quick, &note))?;
-    let files = chapter.files();
-    if !files.is_empty() {
-        folder.make(experiment.name)?;
-        folder.write_all(files)?;
-    }
+    let mut chapter = Chapter::begun(experiment);
     for (plan, of_study) in studies {
         output::note(format_args!("{}: {}", plan.study.name, counted(plan.runs.len(), "run")));
         let display = Display::new(plan, of_study)?;
@@ -158,7 +147,7 @@ fn chapter(
         }
         let results = Results::read(plan, of_study)?;
         report::write(&results, of_study, &format!("gs study {}", plan.study.name))?;
-        chapter.add(&results, of_study)?;
+        chapter.add(&results);
     }
     Ok(chapter)
 }

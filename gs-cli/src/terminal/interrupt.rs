@@ -1,10 +1,7 @@
 //! Ctrl-C: the first asks the work to stop where it can be resumed, a later one quits at once.
 
 use std::{
-    sync::{
-        Arc, Mutex, OnceLock, PoisonError,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::{Arc, Mutex, OnceLock, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -19,8 +16,6 @@ const SAME_REQUEST: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Interrupt {
     first: Arc<OnceLock<Instant>>,
-    /// Whether the work cannot be resumed, so that the first already quits.
-    at_once: Arc<AtomicBool>,
 }
 
 /// Message for runs that stop at their next checkpoint.
@@ -61,21 +56,9 @@ impl Interrupt {
         self.first.get().is_some()
     }
 
-    /// Does work that cannot be resumed: Ctrl-C quits at once.
-    pub(crate) fn at_once<T>(&self, work: impl FnOnce() -> T) -> T {
-        self.at_once.store(true, Ordering::SeqCst);
-        if self.requested() {
-            failure::quit_now();
-        }
-        let done = work();
-        self.at_once.store(false, Ordering::SeqCst);
-        done
-    }
-
     /// The request of a signal that comes at this time.
     fn receive(&self, now: Instant) -> Request {
         match self.first.get() {
-            _ if self.at_once.load(Ordering::SeqCst) => Request::Quit,
             // Signals are handled one after the other.
             None => {
                 self.first.get_or_init(|| now);
@@ -115,12 +98,5 @@ mod tests {
             [Request::Stop, Request::Repeated, Request::Repeated, Request::Quit]
         );
         assert!(interrupt.requested());
-    }
-
-    #[test]
-    fn work_that_cannot_be_resumed_ends_at_the_first_signal() {
-        let interrupt = Interrupt::default();
-        assert_eq!(interrupt.at_once(|| interrupt.receive(Instant::now())), Request::Quit);
-        assert_eq!(interrupt.receive(Instant::now()), Request::Stop);
     }
 }

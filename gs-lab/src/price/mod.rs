@@ -17,7 +17,7 @@ pub(crate) mod frontier;
 mod machine;
 mod noise;
 mod picture_error;
-pub(crate) mod popping;
+mod popping;
 mod reference;
 mod stages;
 mod timing;
@@ -27,7 +27,7 @@ pub(crate) use self::machine::{Loaded, Renderer};
 pub use self::{
     effects::{EffectPrices, effect_prices},
     frontier::{Budget, FrontierReport, Search},
-    popping::{SlowOrbit, popping_prices},
+    popping::{PoppingPrices, SlowOrbit, popping_prices},
     reference::Verifiable,
     stages::{StagePrices, stage_prices},
     training::{TrainingPrices, training_prices},

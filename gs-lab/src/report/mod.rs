@@ -3,7 +3,6 @@
 pub(crate) mod claims;
 mod curves;
 pub(crate) mod figure;
-mod findings;
 pub(crate) mod html;
 mod page;
 mod pictures;
@@ -14,14 +13,8 @@ use std::fs;
 
 use rayon::prelude::*;
 
-pub use self::{
-    figure::{curve, ellipses},
-    findings::Findings,
-};
-pub(crate) use self::{
-    findings::Picture,
-    table::{Cell, Table},
-};
+pub use self::figure::{curve, ellipses};
+pub(crate) use self::table::{Cell, Table};
 pub use crate::result::significant;
 use crate::{
     error::Error,
@@ -57,15 +50,10 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     let file = |figure: &Figure| format!("{PLOTS}/{}.svg", figure.name);
     output.claim(figures.iter().map(file))?;
     figures.iter().try_for_each(|figure| output.write(&file(figure), figure.svg_file()))?;
-    Ok(output.write(PAGE, with_page(results, folder, command, &figures, |page| page.html())?)?)
-}
-
-/// Tables, curves and pictures of a study, as HTML for another page.
-///
-/// # Errors
-/// [`Error::Picture`] where something cannot be drawn.
-pub(crate) fn excerpt(results: &Results<'_>, folder: &StudyFolder) -> Result<String, Error> {
-    with_page(results, folder, "", &figures(results), |page| page.excerpt())
+    let pictured = results.plan.study.budgets.iter().copied().max().unwrap_or(0);
+    let multiples = pictures::multiples(results, pictured, |run, index| folder.picture(run, index))?;
+    let page = Page { results, command, figures: &figures, multiples: &multiples, pictured };
+    Ok(output.write(PAGE, page.html())?)
 }
 
 fn figures(results: &Results<'_>) -> Vec<Figure> {
@@ -79,18 +67,6 @@ fn figures(results: &Results<'_>) -> Vec<Figure> {
         figures.extend(study.matchings.iter().map(|&matching| curves::effects(results, matching)));
     }
     figures
-}
-
-fn with_page(
-    results: &Results<'_>,
-    folder: &StudyFolder,
-    command: &str,
-    figures: &[Figure],
-    html: fn(&Page<'_>) -> String,
-) -> Result<String, Error> {
-    let pictured = results.plan.study.budgets.iter().copied().max().unwrap_or(0);
-    let multiples = pictures::multiples(results, pictured, |run, index| folder.picture(run, index))?;
-    Ok(html(&Page { results, command, figures, multiples: &multiples, pictured }))
 }
 
 /// The leading arm at each budget, at equal count, iterations and time, and the verdict on each

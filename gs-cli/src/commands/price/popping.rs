@@ -84,7 +84,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
         output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
     }
     let findings = popping_prices(rasterizer, scene, &flight, &first, &render, &what)?;
-    folder.write_all(findings.files(""))?;
+    folder.write_all(findings.files())?;
     output::result(findings.to_string().trim_end())?;
     output::note(format_args!("see {}", folder.path().display()));
     Ok(())

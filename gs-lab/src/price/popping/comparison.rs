@@ -125,18 +125,6 @@ pub(crate) struct AtStep {
     pub(crate) orders: [Popping; 2],
 }
 
-impl AtStep {
-    /// The result with the global sort.
-    pub(crate) fn tile(&self) -> &Popping {
-        &self.orders[0]
-    }
-
-    /// The result with the per-pixel sort.
-    pub(crate) fn pixel(&self) -> &Popping {
-        &self.orders[1]
-    }
-}
-
 /// The frames and the pixel at which the first of [`ORDERS`] flickers most beyond the other.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Moment {

@@ -6,12 +6,10 @@ mod comparison;
 mod flicker;
 mod pictures;
 mod report;
-mod scenes;
+#[cfg(test)]
+mod tests;
 
-pub use self::{comparison::SlowOrbit, report::popping_prices};
-pub(crate) use self::{
-    comparison::{ORDERS, PoppingComparison, VISIBLE_LEVELS, compare, ordered},
-    pictures::picture,
-    report::{STEP_COLUMNS, rows, trajectory_chart},
-    scenes::{ball_flight, ball_in_sea, discs, discs_flight, px_per_unit},
+pub use self::{
+    comparison::SlowOrbit,
+    report::{PoppingPrices, popping_prices},
 };

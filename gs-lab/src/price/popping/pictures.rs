@@ -5,10 +5,7 @@ use gs_core::{Image, Optimizer, RenderSettings, Scene3d, constants::SSIM_WINDOW}
 use gs_train::Error;
 
 use super::comparison::{ORDERS, PoppingComparison, ordered};
-use crate::{
-    price::{Loaded, Renderer as _},
-    report::Picture,
-};
+use crate::price::{Loaded, Renderer as _};
 
 /// Factor by which differences are enlarged.
 const DIFFERENCE_GAIN: f32 = 4.0;
@@ -25,18 +22,13 @@ const GAP_PX: u32 = 8;
 /// A picture of the place where popping shows best in a flight around the scene `what`: a row for
 /// each of [`ORDERS`], with the frame before the jump, the one after it, and the difference
 /// ½ + gain · (after − before).
-pub(crate) fn picture<R: Optimizer<Scene3d>>(
+pub(super) fn picture<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     compared: &PoppingComparison,
     render: &RenderSettings,
-    (name, what): (&'static str, &str),
-) -> Result<Picture, Error> {
-    let (moment, step_degrees) = (&compared.moment, compared.finest().step_degrees);
-    let caption = format!(
-        "{what}: above with the global sort, below with the per-pixel sort. Two frames {step_degrees:.3}° apart, and their \
-         difference, {DIFFERENCE_GAIN} times as large, around grey."
-    );
+) -> Result<Image, Error> {
+    let moment = &compared.moment;
     let on = Loaded::new(rasterizer, scene)?;
     let row = |order| {
         let frame = |camera| on.image(camera, &ordered(render, order));
@@ -59,14 +51,13 @@ pub(crate) fn picture<R: Optimizer<Scene3d>>(
     };
     let factor = (SHOWN_PX / part.width.max(part.height)).max(1);
     let (cell_width, cell_height) = (part.width * factor, part.height * factor);
-    let image = Image::from_fn(3 * cell_width + 2 * GAP_PX, 2 * cell_height + GAP_PX, |x, y| {
+    Ok(Image::from_fn(3 * cell_width + 2 * GAP_PX, 2 * cell_height + GAP_PX, |x, y| {
         let ((column, x), (row, y)) = (cell(x, cell_width), cell(y, cell_height));
         if x >= cell_width || y >= cell_height {
             return [1.0; 3];
         }
         cell_color(&rows[row], column, (x / factor, y / factor))
-    })?;
-    Ok(Picture { name, caption, image })
+    })?)
 }
 
 /// Index of a cell in a row or column, and the position in it; beyond `side` is the gap.

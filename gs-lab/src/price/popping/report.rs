@@ -1,19 +1,34 @@
 //! What is reported of camera flights: a table, a chart, and a picture.
 
-use gs_core::{Camera, Optimizer, RenderSettings, Scene3d, effects::Order};
+use std::fmt;
+
+use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene3d, effects::Order};
+use gs_io::png_bytes;
 use gs_train::Error;
 
 use super::{
     comparison::{AtStep, ORDERS, Popping, PoppingComparison, SlowOrbit, compare},
     pictures::picture,
 };
-use crate::report::{
-    Cell, Findings, Table,
-    figure::{Axis, Figure, Marks, Series},
+use crate::{
+    report::{
+        Cell, Table,
+        figure::{Axis, Figure, Marks, Series},
+    },
+    result::csv_row,
 };
 
-/// Flies around a scene with both sort orders and otherwise the settings `render`. The result is a
-/// table, a chart, and a picture of the place where popping shows best. `what` names the scene.
+/// How much jumps in a scene while the camera moves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoppingPrices {
+    table: Table,
+    /// Flicker frame by frame.
+    chart: Figure,
+    /// The place where popping shows best.
+    picture: Image,
+}
+
+/// Flies around a scene with both sort orders and otherwise the settings `render`. `what` names the scene.
 ///
 /// # Errors
 /// [`gs_core::Error::Setting`] where the flight is not possible; those of the backend, such as
@@ -25,22 +40,48 @@ pub fn popping_prices<R: Optimizer<Scene3d>>(
     first: &Camera,
     render: &RenderSettings,
     what: &str,
-) -> Result<Findings, Error> {
+) -> Result<PoppingPrices, Error> {
     let compared = compare(on, scene, flight, first, render)?;
-    Ok(Findings {
-        charts: vec![trajectory_chart(what, &compared)],
-        tables: vec![Table::new("popping", format!("{what}: what jumps"), &STEP_COLUMNS, rows(&compared))],
-        pictures: vec![picture(on, scene, &compared, render, ("popping", what))?],
-        ..Findings::default()
+    Ok(PoppingPrices {
+        table: Table::new("popping", format!("{what}: what jumps"), &STEP_COLUMNS, rows(&compared)),
+        chart: trajectory_chart(what, &compared),
+        picture: picture(on, scene, &compared, render)?,
     })
 }
 
+impl PoppingPrices {
+    /// Names and contents of files: the table and the chart as CSV, the chart also as SVG, and the picture as
+    /// PNG.
+    pub fn files(&self) -> Vec<(String, Vec<u8>)> {
+        let mut points = csv_row(["series", &self.chart.x.label, &self.chart.y.label]);
+        for series in self.chart.lines() {
+            for point in &series.points {
+                points += &csv_row([series.name.as_str(), &point.x.to_string(), &point.y.to_string()]);
+            }
+        }
+        let files = [
+            ("popping.csv", self.table.csv().into_bytes()),
+            ("flicker-chart.csv", points.into_bytes()),
+            ("flicker-chart.svg", self.chart.svg_file().into_bytes()),
+            ("popping.png", png_bytes(&self.picture)),
+        ];
+        files.map(|(name, bytes)| (name.to_owned(), bytes)).into()
+    }
+}
+
+/// The table below its title.
+impl fmt::Display for PoppingPrices {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}\n{}", self.table.title, self.table.text())
+    }
+}
+
 /// The columns of [`rows`].
-pub(crate) const STEP_COLUMNS: [&str; 5] =
+const STEP_COLUMNS: [&str; 5] =
     ["step, °", "order", "jumps, levels² per degree", "visible jumps per pixel and degree", "highest flicker, levels"];
 
 /// The jumps with each step and order.
-pub(crate) fn rows(comparison: &PoppingComparison) -> Vec<Vec<Cell>> {
+fn rows(comparison: &PoppingComparison) -> Vec<Vec<Cell>> {
     let of_step = |at: &AtStep| {
         let of_order = |(order, popping): (Order, &Popping)| -> Vec<Cell> {
             vec![
@@ -57,7 +98,7 @@ pub(crate) fn rows(comparison: &PoppingComparison) -> Vec<Vec<Cell>> {
 }
 
 /// The flicker with the finest step, frame by frame.
-pub(crate) fn trajectory_chart(what: &str, comparison: &PoppingComparison) -> Figure {
+fn trajectory_chart(what: &str, comparison: &PoppingComparison) -> Figure {
     let curve = |(order, popping): (Order, &Popping)| {
         let points = (1..).zip(&popping.trajectory).map(|(triple, &levels)| (f64::from(triple), levels));
         Series::line(order.name(), points.collect())

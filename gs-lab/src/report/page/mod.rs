@@ -56,11 +56,6 @@ impl Page<'_> {
         html::page(&format!("Study: {}", study.name), &body)
     }
 
-    /// The sections that another page shows.
-    pub(crate) fn excerpt(&self) -> String {
-        html! { (self.quality()) (self.curves()) (self.pictures()) }.into_string()
-    }
-
     fn claims(&self) -> Markup {
         let claims = self.results.claims();
         html! {
