@@ -8,9 +8,8 @@ use gs_train::{Preset, paper_target};
 
 use super::batch::shown;
 use crate::{
-    failure::Failure,
     flags::values::Color,
-    terminal::output::{self, printable},
+    terminal::output::printable,
 };
 
 /// The target and where it is from.
@@ -49,16 +48,6 @@ impl FitImage {
         Self { image: paper_target(), file: Some(file.to_owned()), behind: None, remarks: Vec::new() }
     }
 
-    /// Reads the image for a command that takes an image or a scene, and prints the remarks.
-    pub(crate) fn read_to_fit_first(file: Option<&Path>) -> Result<Self, Failure> {
-        let target = Self::read(file, None).map_err(|error| match error {
-            gs_io::Error::NotAnImage { .. } => Failure::from(error).hint("or name a scene"),
-            error => error.into(),
-        })?;
-        target.remarks.iter().for_each(output::note);
-        Ok(target)
-    }
-
     /// The default preset.
     pub(super) fn preset(&self) -> Preset {
         if self.file.is_some() { Preset::Standard } else { Preset::Paper }
@@ -66,21 +55,12 @@ impl FitImage {
 
     /// The name for titles: that of the file, without folders.
     pub(crate) fn title(&self) -> String {
-        self.file.as_deref().map_or_else(|| self.name(), title)
+        let name = self.file.as_deref().and_then(Path::file_name);
+        name.map_or_else(|| self.name(), |name| name.to_string_lossy().into_owned())
     }
 
-    /// The name for messages.
+    /// The name for messages: the file's path, or that of the paper's image.
     pub(crate) fn name(&self) -> String {
-        name(self.file.as_deref())
+        self.file.as_deref().map_or_else(|| "circle and square".to_owned(), shown)
     }
-}
-
-/// The name of an image for messages: its path, or that of the paper's image.
-pub(crate) fn name(file: Option<&Path>) -> String {
-    file.map_or_else(|| "circle and square".to_owned(), shown)
-}
-
-/// The name of an image's file for titles: without folders.
-pub(crate) fn title(file: &Path) -> String {
-    file.file_name().map_or_else(|| shown(file), |name| name.to_string_lossy().into_owned())
 }

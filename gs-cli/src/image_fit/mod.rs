@@ -1,26 +1,23 @@
-//! Fits of images: the target, the settings that flags ask for, and a short fit for commands that
-//! take an image in place of a scene.
+//! Fits of images: the target, and the settings that flags ask for.
 
 pub(crate) mod batch;
-pub(crate) mod fit_image;
+mod fit_image;
 
 use std::path::PathBuf;
 
 use clap::{Args, builder::TypedValueParser};
-use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{
-    Blend, Loss, Parameterization, Scene2d, counted,
+    Blend, Loss, Parameterization,
     effects::{Antialias, Background},
 };
 use gs_density::Policy;
-use gs_train::{FitSettings, Init, InitKind, Preset, SettingsFile as _, Trainer, Tune, mean_color};
+use gs_train::{FitSettings, Init, InitKind, Preset, SettingsFile as _, Tune, mean_color};
 
 pub(crate) use self::fit_image::FitImage;
 use crate::{
     failure::Failure,
     files::text_file::read_settings_text,
     flags::values::{Color, by_name, whole},
-    terminal::output,
     training::arguments::policy_by_name,
 };
 
@@ -158,24 +155,6 @@ fn before_flat_color(settings: FitSettings, target: &FitImage) -> FitSettings {
         Some(behind) if before.render.background_color() != behind.0 => settings,
         _ => before,
     }
-}
-
-/// Fits a target with these settings, without results.
-pub(crate) fn fit_first(
-    rasterizer: &AnyRasterizer,
-    target: &FitImage,
-    settings: FitSettings,
-) -> Result<Scene2d, Failure> {
-    let (width, height) = target.image.size();
-    output::note(format_args!(
-        "fitting {} ({width}x{height} px) with at most {} in {} first",
-        target.name(),
-        counted(settings.gaussians, "Gaussian"),
-        counted(settings.iterations, "step")
-    ));
-    let mut trainer = Trainer::new(rasterizer, &target.image, settings).block_on()?;
-    trainer.run(&mut ()).block_on()?;
-    Ok(trainer.scene().block_on()?)
 }
 
 #[cfg(test)]

@@ -25,10 +25,10 @@ fn every_command_refuses_to_replace_what_no_run_wrote() {
         (&["train", dataset], "scene.ply"),
         (&["train", dataset, "--no-report"], "curve.svg"),
         (&["render", scene, "--orbit", "2"], "frame-00001.png"),
-        (&["profile", image], "profile.csv"),
+        (&["profile", scene], "profile.csv"),
         (&["paper"], "index.html"),
         (&["popping", scene], "popping.png"),
-        (&["frontier", image], "frontier.csv"),
+        (&["frontier", scene], "frontier.csv"),
         (&["study", "edges"], "report.html"),
         (&["study", "edges"], "plots/mine.svg"),
     ];

@@ -53,11 +53,12 @@ fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
-fn the_circle_and_square_are_profiled_on(backend: &str, clocks: &[&str]) {
+fn a_fit_is_profiled_on(backend: &str, clocks: &[&str]) {
     let place = folder();
-    let output = place.path().join("made/on/demand");
-    let flags = ["-r", "3", "-n", "100", "-i", "20", "--backend", backend, "--json", "-o", text(&output)];
-    let run = gs(["profile"].iter().chain(&flags));
+    let (scene, output) = (place.path().join("fit"), place.path().join("made/on/demand"));
+    gs(["fit", "-n", "100", "-i", "20", "--no-report", "--backend", "cpu", "-o", text(&scene)]).done();
+    let flags = ["-r", "3", "--backend", backend, "--json", "-o", text(&output)];
+    let run = gs(["profile", text(&scene)].iter().chain(&flags));
     assert!(run.stderr.contains("wrote profile.csv and profile.json"), "{run:?}");
     let json = run.json();
     assert_eq!(names_in(&output), ["profile.csv", "profile.json"]);
@@ -65,21 +66,21 @@ fn the_circle_and_square_are_profiled_on(backend: &str, clocks: &[&str]) {
     let stages = json["stages"].as_array().unwrap();
     let csv = fs::read_to_string(output.join("profile.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + stages.len() + 4, "{csv}");
-    assert_eq!((&json["backend"], &json["input"]), (&json!(backend), &Value::Null));
-    assert_eq!((&json["width"], &json["height"], &json["fitted_steps"]), (&json!(128), &json!(128), &json!(20)));
+    assert_eq!((&json["backend"], &json["input"]), (&json!(backend), &json!(scene)));
+    assert_eq!((&json["width"], &json["height"]), (&json!(128), &json!(128)));
     assert_eq!((&json["blend"], &json["repetitions"]), (&json!("over"), &json!(3)));
     assert!(clocks.contains(&json["clock"].as_str().unwrap()), "{json}");
     assert_eq!((json["adapter"].is_string(), json["simd"].is_string()), (backend == "wgpu", backend == "cpu"));
 }
 
 #[test]
-fn the_circle_and_square_are_profiled_on_the_cpu() {
-    the_circle_and_square_are_profiled_on("cpu", &["host"]);
+fn a_fit_is_profiled_on_the_cpu() {
+    a_fit_is_profiled_on("cpu", &["host"]);
 }
 
 #[test]
-fn the_circle_and_square_are_profiled_on_wgpu() {
-    the_circle_and_square_are_profiled_on("wgpu", &["device", "round-trip"]);
+fn a_fit_is_profiled_on_wgpu() {
+    a_fit_is_profiled_on("wgpu", &["device", "round-trip"]);
 }
 
 #[test]
@@ -88,11 +89,11 @@ fn scenes_are_profiled_as_flags_say() {
     let scene = fitted(place.path());
     let profile = |arguments: &[&str]| gs(["profile", "-r", "2", "--backend", "cpu"].iter().chain(arguments)).done();
     let run = profile(&[&scene]);
-    assert_eq!(run.stderr, "", "a scene needs no fit");
+    assert_eq!(run.stderr, "");
     let head: Vec<&str> = run.stdout.lines().collect();
     assert_eq!(head[0], "scene.gs2d.safetensors: 40 Gaussians, seen from its canvas, 48x32 px");
     assert!(head[1].starts_with("cpu (") && head[2] == "blend sum, l2, covariance-factor", "{head:?}");
-    assert!(profile(&[&scene, "--blend", "over", "--loss", "l1"]).stdout.contains("\nblend over, l1, covariance"));
+    assert!(profile(&[&scene, "--loss", "l1"]).stdout.contains("\nblend sum, l1, covariance"));
 
     let (dataset, scene) = dataset_and_scene(place.path());
     let view = format!("{}:3", dataset.display());
@@ -146,13 +147,13 @@ fn a_picture_is_rendered_with_the_required_effects_unless_the_flag_says_otherwis
 }
 
 #[test]
-fn an_image_is_fitted_before_its_effects_are_examined() {
+fn required_effects_of_a_2d_scene_are_reported() {
     let place = folder();
-    let image = picture(place.path(), 32, 24);
-    let flags = ["-i", "20", "--repetitions", "1", "--size", "9x7", "--backend", "cpu", "--json"];
-    let report = gs(["effects", text(&image)].iter().chain(&flags)).json();
+    let scene = fitted(place.path());
+    let flags = ["--repetitions", "1", "--size", "9x7", "--backend", "cpu", "--json"];
+    let report = gs(["effects", &scene].iter().chain(&flags)).json();
     assert_eq!(number(&report["proof"]["difference"]["max"]), 0.0, "bit-identical");
-    assert_eq!((&report["fitted_steps"], &report["width"]), (&json!(20), &json!(9)));
+    assert_eq!((&report["gaussians"], &report["width"]), (&json!(40), &json!(9)));
 }
 
 #[test]
@@ -188,14 +189,14 @@ fn frontier<'a>(input: &'a str, flags: &[&'a str]) -> Vec<&'a str> {
 #[test]
 fn a_budget_is_answered_by_flags_that_render_takes() {
     let place = folder();
-    let image = picture(place.path(), 48, 32);
+    let scene = fitted(place.path());
     let output = place.path().join("out");
-    let flags = ["-n", "30", "-i", "20", "--max-error", "1/1000", "-o", text(&output)];
-    let run = gs(frontier(text(&image), &flags)).done();
+    let flags = ["--max-error", "1/1000", "-o", text(&output)];
+    let run = gs(frontier(&scene, &flags)).done();
     assert!(run.stdout.contains("# On 3 other views"), "{}", run.stdout);
     let answer = run.stdout.lines().last().unwrap();
     assert!(answer.starts_with("--effects all ") && answer.contains(" --backend cpu --simd "), "{answer}");
-    for expected in ["30 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"] {
+    for expected in ["40 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"] {
         assert!(run.stderr.contains(expected), "{expected}: {}", run.stderr);
     }
     assert_eq!(names_in(&output), ["frontier.csv", "frontier.json", "frontier.svg"]);
@@ -208,7 +209,6 @@ fn a_budget_is_answered_by_flags_that_render_takes() {
     assert_eq!(levels + 1, gs_cpu::SimdLevel::available().len());
 
     // The flags are used: a picture whose cut is half is empty.
-    let scene = fitted(place.path());
     let render = |name: &str, flags: &[&str]| {
         let png = place.path().join(name);
         gs(["render", &scene, "-o", text(&png)].iter().chain(flags)).done();
@@ -275,19 +275,18 @@ type Case<'a> = (&'a str, &'a Path, &'a [&'a str], i32, &'a [&'a str]);
 #[test]
 fn what_cannot_be_measured_is_refused_before_anything_is_written() {
     let place = folder();
-    let (scene, image) = (faintly_shiny(place.path()), picture(place.path(), 16, 12));
+    let (scene, image, flat) = (faintly_shiny(place.path()), picture(place.path(), 16, 12), fitted(place.path()));
+    let flat = Path::new(&flat);
     let output = place.path().join("out");
     let [in_text, absent, none] = ["text", "absent.png", "none.ply"].map(|name| place.path().join(name));
     fs::write(&in_text, "This is neither.\n").unwrap();
-    let cases: [Case<'_>; 15] = [
+    let cases: [Case<'_>; 13] = [
         ("profile", &absent, &[], 1, &["absent.png", "no such file"]),
-        ("profile", &in_text, &[], 1, &["is text, not an image", "or name a scene"]),
+        ("profile", &in_text, &[], 1, &["text"]),
         ("profile", place.path(), &[], 1, &["holds no scene"]),
-        ("profile", &scene, &["-n", "9"], 2, &["discs.ply: is a scene", "leave them out"]),
-        ("profile", &scene, &["-i", "9"], 2, &["--iterations are for images"]),
         ("profile", &scene, &["--size", "20000x20000"], 2, &["--size", "20000x20000"]),
-        ("profile", &image, &["--camera", "data:1"], 2, &["is not a 3D scene"]),
-        ("frontier", &image, &["--order", "global"], 2, &["leave out the flags for 3D scenes"]),
+        ("profile", flat, &["--camera", "data:1"], 2, &["is not a 3D scene"]),
+        ("frontier", flat, &["--order", "global"], 2, &["leave out the flags for 3D scenes"]),
         ("frontier", &scene, &["--dataset", "/no/such"], 1, &["/no/such"]),
         ("popping", &scene, &["--order", "global"], 2, &["both orders are compared"]),
         ("popping", &scene, &["--step", "0"], 2, &["above 0"]),
@@ -304,7 +303,7 @@ fn what_cannot_be_measured_is_refused_before_anything_is_written() {
         }
         assert!(!output.exists(), "{command} {flags:?}");
     }
-    let run = gs(["effects", text(&image), "dataset"]);
+    let run = gs(["effects", text(flat), "dataset"]);
     assert_eq!(run.status, Some(2), "{run:?}");
     assert!(run.refusal().contains("is not a 3D scene"), "{run:?}");
 }

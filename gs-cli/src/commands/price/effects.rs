@@ -8,11 +8,10 @@ use gs_lab::price::{EffectPrices, TrainingPrices, effect_prices, training_prices
 use gs_train::train::Views;
 use serde::Serialize;
 
-use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
-use crate::{failure::Failure, flags::values::whole, image_fit::FitSettingsArgs, memory, terminal::output};
+use super::{Cameras, Facts, Seen, Subject, SubjectArgs};
+use crate::{failure::Failure, flags::values::whole, memory, terminal::output};
 
 const AFTER_HELP: &str = "\
-INPUT is a 3D scene, a 2D scene, or an image, which is fitted first in a few steps.
 
 A 3D scene is seen from the test views of DATASET (from all views if none is held out), or from \
 cameras around it. The flags say which effects are wanted; the default is what 3DGS uses. An \
@@ -33,7 +32,7 @@ as it is, with matched colours and, where poses are refined, at aligned poses.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct EffectsCommandArgs {
-    /// A scene, or an image to fit first
+    /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     input: PathBuf,
     /// Data set of posed images whose views show a 3D scene
     dataset: Option<PathBuf>,
@@ -70,12 +69,9 @@ struct Report<'a> {
 pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     let cameras = args.dataset.as_deref();
     let cameras = cameras.map_or(Cameras::Around(args.views), |path| Cameras::Dataset(path, args.views));
-    let iterations = args.subject.iterations.or(Some(ITERATIONS));
-    let fit = FitSettingsArgs { iterations, ..FitSettingsArgs::default() };
-    let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
+    let mut subject = Subject::load(&args.input, &args.subject, cameras)?;
     subject.check_work("measuring the effects of", |size| memory::comparing(size, 1))?;
     let backend = subject.open(&args.subject)?;
-    subject.fit_first(&backend.rasterizer)?;
     let Subject { seen, render, facts, .. } = &subject;
     let (rasterizer, repetitions) = (&backend.rasterizer, args.repetitions as usize);
     let prices = match seen {

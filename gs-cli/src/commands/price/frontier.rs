@@ -24,14 +24,12 @@ use crate::{
         backend::BackendArgs,
         values::{tolerance, whole},
     },
-    image_fit::FitSettingsArgs,
     memory,
     terminal::output,
 };
 
 const AFTER_HELP: &str = "\
-A scene is measured as it is; an image is fitted first. A 3D scene is seen from views of \
---dataset, or from an orbit around it.
+A 3D scene is seen from views of --dataset, or from an orbit around it.
 
 Every setting is measured alone: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
 every SIMD level, one thread; on a GPU every kind of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
@@ -53,7 +51,7 @@ frontier.svg, error against time.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct FrontierArgs {
-    /// A scene, or an image to fit first
+    /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     input: PathBuf,
     /// Folder for the results; made if necessary [default: they are only printed]
     #[arg(short, long, value_name = "DIR")]
@@ -110,13 +108,8 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let cameras = args.dataset.as_deref();
     let cameras = cameras.map_or(Cameras::Around(2 * args.views), |path| Cameras::Dataset(path, 2 * args.views));
-    let fit = FitSettingsArgs { iterations: args.subject.iterations, ..FitSettingsArgs::default() };
-    let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
+    let subject = Subject::load(&args.input, &args.subject, cameras)?;
     subject.check_work("measuring the frontier of", |size| memory::comparing(size, args.views.into()))?;
-    if subject.fit.is_some() {
-        let backend = args.subject.seen.backend.open_to_render_2d(&subject.render)?;
-        subject.fit_first(&backend.rasterizer)?;
-    }
     let folder = claim.map(OutputFolder::begin).transpose()?;
     match &subject.seen {
         Seen::TwoD(scene, views) => {

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use glam::Vec3;
-use gs_backend::{AnyRasterizer, Chosen};
+use gs_backend::Chosen;
 use gs_core::{Camera, Canvas, RenderSettings, Scene, Scene2d, Scene3d, counted, view::Orbit};
 use gs_io::{AnyScene, File3d, dataset::Dataset};
-use gs_train::{FitSettings, train::Views};
+use gs_train::train::Views;
 use serde::Serialize;
 
 use crate::{
@@ -25,15 +25,10 @@ use crate::{
         cameras::{Home, sampled},
         dataset::ReadingArgs,
         render_args::RenderArgs3d,
-        values::{Size, ViewName, axis, canvas, whole},
+        values::{Size, ViewName, axis, canvas},
     },
-    image_fit::{self, FitImage, FitSettingsArgs, fit_image},
     memory,
 };
-
-/// Steps to fit an image: enough that the Gaussians are as many, as large and as crowded as those
-/// of a whole fit.
-const ITERATIONS: u32 = 100;
 
 /// The flags of all these commands.
 #[derive(Debug, Clone, Args)]
@@ -50,15 +45,9 @@ pub(crate) struct SeenArgs {
     backend: BackendArgs,
 }
 
-/// The flags of the commands that take a scene of any kind or an image.
+/// The flags of the commands that take a scene of any kind.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct SubjectArgs {
-    /// The most Gaussians to fit an image with [default: 9000 for each 768x512 px]
-    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
-    gaussians: Option<u32>,
-    /// Steps to fit an image [default: 100; a whole fit for gs frontier]
-    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
-    iterations: Option<u32>,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -79,11 +68,9 @@ enum Cameras<'a> {
 /// What is measured, as reports name it.
 #[derive(Debug, Clone, Serialize)]
 struct Facts {
-    /// The file; `null` is the paper's circle and square.
-    input: Option<PathBuf>,
+    /// The file.
+    input: PathBuf,
     gaussians: usize,
-    /// Steps in which the Gaussians were fitted to the image; `null` for a scene.
-    fitted_steps: Option<u32>,
     /// The views.
     seen: String,
     width: u32,
@@ -107,11 +94,10 @@ struct BackendFacts {
 impl Facts {
     /// The facts in a line, and the backend in another.
     fn text(&self) -> String {
-        let name = self.input.as_deref().map_or_else(|| fit_image::name(None), fit_image::title);
-        let fitted = self.fitted_steps.map_or_else(String::new, |n| format!(" fitted in {}", counted(n, "step")));
-        let Self { gaussians, seen, width, height, .. } = self;
+        let Self { input, gaussians, seen, width, height, .. } = self;
+        let name = input.file_name().map_or_else(|| input.to_string_lossy(), |name| name.to_string_lossy());
         let reason = self.backend.as_ref().map_or_else(String::new, |backend| format!("\n{}", backend.reason));
-        format!("{name}: {}{fitted}, seen from {seen}, {width}x{height} px{reason}", counted(*gaussians, "Gaussian"))
+        format!("{name}: {}, seen from {seen}, {width}x{height} px{reason}", counted(*gaussians, "Gaussian"))
     }
 }
 
@@ -125,68 +111,46 @@ enum Seen {
 struct Subject {
     seen: Seen,
     render: RenderSettings,
-    /// The image that the scene is fitted to first, and how.
-    fit: Option<(FitImage, FitSettings)>,
     facts: Facts,
 }
 
 impl Subject {
-    /// Reads a scene or an image; without an input, takes the paper's. An image is fitted as `fit` asks,
-    /// but only by [`Self::fit_first`].
-    fn load(
-        input: Option<&Path>,
-        args: &SubjectArgs,
-        cameras: Cameras<'_>,
-        fit: FitSettingsArgs,
-    ) -> Result<Self, Failure> {
-        let refused = |message: &str, hint: &str| Err(Failure::usage(message).at(fit_image::name(input)).hint(hint));
-        let scene = input.map(scene::read_if_any).transpose()?.flatten();
-        if scene.is_some() && (args.gaussians.is_some() || args.iterations.is_some()) {
-            let message = "is a scene, but --gaussians and --iterations are for images, which are fitted first";
-            return refused(message, "leave them out");
-        }
-        let has_cameras =
-            !matches!(cameras, Cameras::Around(_)) || args.seen.up.is_some() || args.seen.render.is_some();
+    /// Reads a scene.
+    fn load(input: &Path, args: &SubjectArgs, cameras: Cameras<'_>) -> Result<Self, Failure> {
         let facts = |seen: &str, (width, height), gaussians| Facts {
-            input: input.map(Path::to_owned),
+            input: input.to_owned(),
             gaussians,
-            fitted_steps: None,
             seen: seen.to_owned(),
             width,
             height,
             backend: None,
         };
-        let (canvas, scene, render, fit) = match scene {
-            Some(AnyScene::ThreeD(file)) => {
+        match scene::read_any(input)? {
+            AnyScene::ThreeD(file) => {
                 let (views, dataset, seen) = of_3d(&file, args, cameras)?;
                 args.seen.render.note_guess(&file);
                 let render = args.seen.render.settings(&file, dataset.as_ref());
                 let facts = facts(&seen, (views[0].width, views[0].height), file.scene.len());
-                return Ok(Self { seen: Seen::ThreeD(file.scene, views, dataset), render, fit: None, facts });
+                Ok(Self { seen: Seen::ThreeD(file.scene, views, dataset), render, facts })
             }
-            _ if has_cameras => {
+            AnyScene::TwoD(_)
+                if !matches!(cameras, Cameras::Around(_)) || args.seen.up.is_some() || args.seen.render.is_some() =>
+            {
                 let message = "is not a 3D scene; only those have cameras, an order and a background to choose";
-                return refused(message, "leave out the flags for 3D scenes");
+                Err(Failure::usage(message).at(input.display()).hint("leave out the flags for 3D scenes"))
             }
-            Some(AnyScene::TwoD(file)) => {
-                (canvas((file.width, file.height), args.seen.size)?, file.scene, file.settings, None)
+            AnyScene::TwoD(file) => {
+                let canvas = canvas((file.width, file.height), args.seen.size)?;
+                let facts = facts("its canvas", (canvas.width, canvas.height), file.scene.len());
+                Ok(Self { seen: Seen::TwoD(file.scene, [canvas]), render: file.settings, facts })
             }
-            None => {
-                let target = FitImage::read_to_fit_first(input)?;
-                let fit = FitSettingsArgs { gaussians: args.gaussians, ..fit };
-                let settings = image_fit::settings(&fit, None, &target)?;
-                let canvas = canvas(target.image.size(), args.seen.size)?;
-                (canvas, Scene2d::default(), settings.render, Some((target, settings)))
-            }
-        };
-        let facts = facts("its canvas", (canvas.width, canvas.height), scene.len());
-        Ok(Self { seen: Seen::TwoD(scene, [canvas]), render, fit, facts })
+        }
     }
 
     /// Fails where measuring pictures of this subject takes too much memory; `bytes` are for their size.
     fn check_work(&self, work: &str, bytes: impl Fn((u32, u32)) -> u64) -> Result<(), Failure> {
         let Facts { input, width, height, .. } = &self.facts;
-        memory::check_work(work, fit_image::name(input.as_deref()), (*width, *height), bytes((*width, *height)))
+        memory::check_work(work, input.display(), (*width, *height), bytes((*width, *height)))
     }
 
     /// Opens the backend for this subject.
@@ -204,16 +168,6 @@ impl Subject {
             reason: chosen.reason.clone(),
         });
         Ok(chosen)
-    }
-
-    /// Fits the image, if the subject is one.
-    fn fit_first(&mut self, rasterizer: &AnyRasterizer) -> Result<(), Failure> {
-        if let (Seen::TwoD(scene, _), Some((target, settings))) = (&mut self.seen, &self.fit) {
-            self.facts.fitted_steps = Some(settings.iterations);
-            *scene = image_fit::fit_first(rasterizer, target, settings.clone())?;
-            self.facts.gaussians = scene.len();
-        }
-        Ok(())
     }
 }
 

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_core::{Blend, Choice as _, Effects, Loss, Parameterization};
+use gs_core::{Choice as _, Effects, Loss, Parameterization};
 use gs_io::Inputs;
 use gs_lab::price::{StagePrices, stage_prices};
 use serde::Serialize;
 
-use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
+use super::{Cameras, Facts, Seen, Subject, SubjectArgs};
 use crate::{
     failure::Failure,
     files::{
@@ -16,15 +16,13 @@ use crate::{
         scene,
     },
     flags::values::{ViewName, by_name, whole},
-    image_fit::FitSettingsArgs,
     memory,
     terminal::output,
 };
 
 const AFTER_HELP: &str = "\
-A scene is profiled as it is: a 3D scene from a view of a data set, or from where all of it is in \
-sight. An image is fitted first, in a few steps on the same backend. The measured steps do not \
-move the Gaussians: their target is the scene's own rendering.
+A 3D scene is profiled from a view of a data set, or from where all of it is in sight. The measured \
+steps do not move the Gaussians: their target is the scene's own rendering.
 
 A row of the table is a stage of a training step: its median time, its 10 % and 90 % quantiles, \
 its share of the sum, and the pairs of a pixel and a Gaussian that it visits. A stage that a \
@@ -42,8 +40,8 @@ samples and settings.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct ProfileArgs {
-    /// A scene, or an image to fit first [default: the paper's circle and square, 128x128]
-    input: Option<PathBuf>,
+    /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
+    input: PathBuf,
     /// Folder for profile.csv and profile.json; made if necessary [default: the table is only
     /// printed]
     #[arg(short, long, value_name = "DIR")]
@@ -56,15 +54,10 @@ pub(crate) struct ProfileArgs {
     /// Measurements of each stage
     #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = whole::<u32>(1..=100_000))]
     repetitions: u32,
-    /// Loss to minimise [default: l2; l1-dssim for the circle and square and in 3D]
+    /// Loss to minimise [default: l2; l1-dssim in 3D]
     #[arg(long, value_parser = by_name::<Loss>(), value_name = "LOSS")]
     loss: Option<Loss>,
-    /// How the Gaussians at a pixel become its colour [default: that of the scene; sum for images,
-    /// over in 3D]
-    #[arg(long, value_parser = by_name::<Blend>(), value_name = "BLEND")]
-    blend: Option<Blend>,
-    /// Coordinates of the optimizer [default: covariance-factor; scale-rotation for the circle and
-    /// square and in 3D]
+    /// Coordinates of the optimizer [default: covariance-factor; scale-rotation in 3D]
     #[arg(long, value_parser = by_name::<Parameterization>(), value_name = "NAME")]
     parameterization: Option<Parameterization>,
     /// Camera of a view of a data set [default: the whole scene from slightly above]
@@ -88,27 +81,19 @@ struct Report<'a> {
     prices: StagePrices,
 }
 
-/// Profiles a scene or an image, prints the table, and writes it to files if a folder for them is
+/// Profiles a scene, prints the table, and writes it to files if a folder for them is
 /// named.
 pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
-    let inputs: Inputs = args.input.iter().map(|path| scene::file_of(path)).collect();
+    let inputs = Inputs::from_iter([scene::file_of(&args.input)]);
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
-    let fit = FitSettingsArgs {
-        iterations: args.subject.iterations.or(Some(ITERATIONS)),
-        loss: args.loss,
-        blend: args.blend,
-        parameterization: args.parameterization,
-        ..FitSettingsArgs::default()
-    };
     let cameras = args.camera.as_ref().map_or(Cameras::Around(1), Cameras::View);
-    let mut subject = Subject::load(args.input.as_deref(), &args.subject, cameras, fit)?;
+    let mut subject = Subject::load(&args.input, &args.subject, cameras)?;
     subject.check_work("profiling", memory::profiling)?;
     let is_3d = matches!(subject.seen, Seen::ThreeD(..));
-    let usual = match &subject.fit {
-        Some((_, fit)) => (fit.loss, fit.parameterization),
-        None if is_3d => (Loss::PAPER, Parameterization::ScaleRotation),
-        None => (Loss::L2, Parameterization::CovarianceFactor),
+    let usual = match is_3d {
+        true => (Loss::PAPER, Parameterization::ScaleRotation),
+        false => (Loss::L2, Parameterization::CovarianceFactor),
     };
     let (loss, parameterization) = (args.loss.unwrap_or(usual.0), args.parameterization.unwrap_or(usual.1));
     if is_3d {
@@ -116,9 +101,7 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     }
     let backend = subject.open(&args.subject)?;
     let folder = claim.map(OutputFolder::begin).transpose()?;
-    subject.fit_first(&backend.rasterizer)?;
-    let (seen, facts, mut render) = (&subject.seen, &subject.facts, subject.render);
-    render.effects.blend = args.blend.unwrap_or(render.effects.blend);
+    let (seen, facts, render) = (&subject.seen, &subject.facts, subject.render);
     let (rasterizer, repetitions, how) = (&backend.rasterizer, args.repetitions, (loss, parameterization));
     let prices = match seen {
         Seen::TwoD(scene, [canvas]) => stage_prices(rasterizer, scene, canvas, &render, how, repetitions as usize),
