@@ -50,7 +50,7 @@ impl Failure {
     pub(crate) fn of_scene(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::Content { .. } => {
-                Self::from(error).hint("gs doctor SCENE shows what is broken, and --fix -o OUT repairs it")
+                Self::from(error).hint("gs doctor SCENE shows what is broken, and gs convert SCENE OUT --drop-broken repairs it")
             }
             _ => error.into(),
         }

@@ -68,8 +68,8 @@ Examples:
       convert a 3D scene to another format, and show what is lost
   gs edit out room.ply up=ground crop=sphere:0,0,0,4
       turn a scene so that its ground is level, and remove what is far away
-  gs doctor scene.ply --fix -o fixed.ply
-      find and repair broken Gaussians
+  gs doctor scene.ply
+      find broken Gaussians; gs convert scene.ply fixed.ply --drop-broken repairs the scene
   gs info --adapters
       list the GPUs of this machine
   gs frontier out --max-error 1/255 -o frontier
@@ -120,7 +120,7 @@ pub(crate) enum Command {
     Edit(Box<EditArgs>),
     /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
     Info(Box<InfoArgs>),
-    /// Find broken Gaussians in a scene, and repair them
+    /// Find broken Gaussians in a scene
     Doctor(DoctorArgs),
     /// Measure the time of a training step, stage by stage
     Profile(Box<ProfileArgs>),

@@ -67,8 +67,8 @@ pub(crate) struct ConvertArgs {
     /// glTF (a node) hold the latter
     #[arg(long, value_name = "COORDINATES", value_parser = by_name::<Coordinates>(), default_value_t)]
     frame: Coordinates,
-    /// Leave out Gaussians that cannot be drawn or that the format cannot hold, and print how many; gs
-    /// doctor shows which and why
+    /// Repair scales of 0, leave out Gaussians that cannot be drawn or that the format cannot hold, and print
+    /// how many; gs doctor shows which and why
     #[arg(long)]
     drop_broken: bool,
     /// Print JSON
@@ -156,6 +156,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         let Repair { widened, .. } = examination::repair(&mut file.scene)?;
         losses.extend((widened > 0).then_some(ConversionLoss::ZeroScales { gaussians: widened }));
         beyond_format = drop_beyond_format(&mut file.scene, &args.to, &options(args, file.trained_with));
+        if file.scene.is_empty() && all > 0 {
+            let message = format_args!("none of {} can be drawn and stored in this format", counted(all, "Gaussian"));
+            return Err(Failure::failed(message).at(args.to.display()));
+        }
     }
     file.trained_with = args.quality.render.trained_with(file.trained_with);
     let before = (args.gaussians.is_some() && dataset.is_some()).then(|| file.clone());

@@ -30,6 +30,10 @@ fn doctor(scene: &Path, flags: &[&str]) -> Run {
     gs([Path::new("doctor"), scene].into_iter().chain(flags.iter().map(Path::new)))
 }
 
+fn repaired(scene: &Path, copy: &Path, flags: &[&str]) -> Run {
+    gs([Path::new("convert"), scene, copy, Path::new("--drop-broken")].into_iter().chain(flags.iter().map(Path::new)))
+}
+
 #[test]
 fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() {
     let place = folder();
@@ -46,8 +50,8 @@ fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() 
     let sick = doctor(&path, &[]);
     assert_eq!(sick.status, Some(1));
     for part in [
-        "1 (first: Gaussian 3) whose opacity is NaN: --fix removes them",
-        "1 (first: Gaussian 7) whose quaternion is 0: --fix removes them",
+        "1 (first: Gaussian 3) whose opacity is NaN: gs convert --drop-broken removes them",
+        "1 (first: Gaussian 7) whose quaternion is 0: gs convert --drop-broken removes them",
         "doubtful    1 (first: Gaussian 8) whose shape is a needle",
     ] {
         assert!(sick.stdout.contains(part), "{part}: {sick:?}");
@@ -57,11 +61,12 @@ fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() 
         "{sick:?}"
     );
 
-    let json = doctor(&path, &["--fix", "-o", mended.to_str().unwrap(), "--json"]).json();
+    let json: serde_json::Value = serde_json::from_str(&doctor(&path, &["--json"]).stdout).unwrap();
     assert_eq!((&json["broken"], &json["gaussians"]), (&2.into(), &10.into()), "{json}");
     assert_eq!(json["findings"][0]["finding"], "opacity-not-a-number");
-    assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&2.into(), &0.into()), "{json}");
-    assert_eq!((&json["fixed"]["gaussians"], &json["fixed"]["lost"]), (&8.into(), &serde_json::json!([])), "{json}");
+    let json = repaired(&path, &mended, &["--json"]).json();
+    assert_eq!((&json["dropped"], &json["gaussians"]), (&2.into(), &8.into()), "{json}");
+    assert_eq!(json["lost"], serde_json::json!([]), "{json}");
     assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
     let copy = mended;
     let mended = read_3d(&copy).unwrap().scene;
@@ -70,12 +75,12 @@ fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() 
         assert_eq!(mended.gaussian(after), scene.gaussian(index));
     }
     // A repair never replaces its input, and the copy needs no further repair.
-    let refused = doctor(&path, &["--fix", "-o", path.to_str().unwrap()]);
+    let refused = repaired(&path, &path, &[]);
     assert!(refused.refusal().contains("is an input of this run"), "{refused:?}");
     assert_eq!(fs::read(&path).unwrap(), before);
     let again = place.path().join("again.ply");
-    let text = doctor(&copy, &["--fix", "-o", again.to_str().unwrap()]).done().stdout;
-    assert!(text.contains("nothing to repair; 8 Gaussians"), "{text}");
+    let text = repaired(&copy, &again, &[]).done().stdout;
+    assert!(text.contains("lost        nothing") && !text.contains("dropped"), "{text}");
     assert_eq!(fs::read(&copy).unwrap(), fs::read(&again).unwrap());
 }
 
@@ -88,8 +93,9 @@ fn scales_of_zero_are_found_and_raised() {
     let sick = doctor(&path, &[]);
     assert_eq!(sick.status, Some(1));
     assert!(sick.stdout.contains("1 (first: Gaussian 3) whose scale is 0"), "{sick:?}");
-    let json = doctor(&path, &["--fix", "-o", mended.to_str().unwrap(), "--json"]).json();
-    assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&0.into(), &1.into()), "{json}");
+    let json = repaired(&path, &mended, &["--json"]).json();
+    assert_eq!((&json["dropped"], &json["gaussians"]), (&0.into(), &10.into()), "{json}");
+    assert_eq!(json["lost"].as_array().unwrap().len(), 1, "{json}");
     assert!(read_3d(&mended).unwrap().losses.is_empty());
 }
 
@@ -115,10 +121,7 @@ fn a_2d_scene_is_mended_too() {
 
     let refused = gs(["render", path.to_str().unwrap(), "-o", place.path().join("a.png").to_str().unwrap()]);
     assert!(refused.refusal().contains("gs doctor SCENE"), "{refused:?}");
-    let refused = doctor(&path, &["--fix", "-o", place.path().join("a.obj").to_str().unwrap()]);
-    assert_eq!(refused.status, Some(2));
-    assert!(refused.refusal().contains(".gs2d.safetensors"), "{refused:?}");
-    let text = doctor(&path, &["--fix", "-o", mended.to_str().unwrap()]).done().stdout;
+    let text = doctor(&path, &[]).stdout;
     assert!(
         text.contains("2D scene, 5 Gaussians") && text.contains("1 (first: Gaussian 2) whose mean is NaN or infinite"),
         "{text}"
@@ -127,12 +130,13 @@ fn a_2d_scene_is_mended_too() {
         text.contains("doubtful    1 (first: Gaussian 4) whose place and shape are those of an earlier one"),
         "{text}"
     );
+    repaired(&path, &mended, &[]).done();
     let expected: Scene2d = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();
     assert_eq!(read_2d(&mended).unwrap(), gs_io::File2d { scene: expected, ..file });
 }
 
 #[test]
-fn what_cannot_be_examined_or_mended_is_refused() {
+fn what_cannot_be_mended_is_refused() {
     let place = folder();
     let path = place.path().join("scene.ply");
     write_3d(&path, &scene_3d(), &WriteOptions3d::default()).unwrap();
@@ -141,14 +145,8 @@ fn what_cannot_be_examined_or_mended_is_refused() {
         break_ply(&path, vertex, 8, &[f32::NAN]);
     }
     let before = names_in(place.path());
-    for (scene, flags, status, expected) in [
-        (&path, &["--fix"][..], 2, "--output"),
-        (&path, &["-o", "x.ply"], 2, "--fix"),
-        (&path, &["--fix", "-o", empty.to_str().unwrap()], 1, "none of 10 Gaussians can be drawn"),
-    ] {
-        let run = doctor(scene, flags);
-        assert_eq!(run.status, Some(status), "{run:?}");
-        assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
-    }
+    let run = repaired(&path, &empty, &[]);
+    assert_eq!(run.status, Some(1), "{run:?}");
+    assert!(run.refusal().contains("none of 10 Gaussians can be drawn and stored"), "{run:?}");
     assert_eq!(names_in(place.path()), before);
 }

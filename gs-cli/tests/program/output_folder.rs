@@ -78,14 +78,13 @@ fn no_input_is_ever_replaced() {
     let [here, scene, image, picture, settings, linked] =
         [place.path(), &scene, &image, &picture, &settings, &linked].map(text);
     let other = format!("{here}/other");
-    let cases: [&[&str]; 7] = [
+    let cases: [&[&str]; 6] = [
         &["fit", image, "-o", here],
         &["fit", picture, "-o", here, "--settings", settings],
         &["fit", picture, "-o", &other, "--checkpoint", picture],
         &["render", scene, "-o", scene],
         &["render", scene, "-o", linked],
         &["convert", scene, scene],
-        &["doctor", scene, "--fix", "-o", scene],
     ];
     let before: Vec<_> = [scene, image, picture, settings].map(|file| fs::read(file).unwrap()).into();
     for words in cases {
@@ -106,9 +105,7 @@ fn what_a_folder_stands_for_is_an_input_too() {
     gs(fit(&image, &output)).done();
     let scene = output.join("scene.gs2d.safetensors");
     let before = fs::read(&scene).unwrap();
-    for words in
-        [&["render", text(&output), "-o", text(&scene)][..], &["doctor", text(&output), "--fix", "-o", text(&scene)]]
-    {
+    for words in [&["render", text(&output), "-o", text(&scene)][..], &["convert", text(&output), text(&scene)]] {
         let run = gs(words);
         assert!(run.status == Some(2) && run.stderr.contains("is an input of this run"), "{run:?}");
     }
