@@ -3,28 +3,25 @@
 mod adapters;
 mod dataset;
 mod measure;
-mod scene3d;
-mod values;
+mod scene;
 
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{RenderSettings, Scene, counted, sigmoid};
+use gs_core::counted;
 use gs_io::{
-    AnyScene, File2d, SceneFile, Values,
+    AnyScene, Values,
     dataset::{may_be_dataset, read_dataset},
     readable_in,
 };
 use gs_lab::report::significant;
-use serde::Serialize;
 
 use self::measure::Measure;
-use self::values::{ValueQuantiles, not_finite_2d};
 use crate::{
     failure::Failure,
-    files::scene,
+    files,
     flags::dataset::DatasetArgs,
-    terminal::output::{self, printable},
+    terminal::output::printable,
 };
 
 /// The flags of `gs info`.
@@ -48,53 +45,6 @@ pub(crate) struct InfoArgs {
     images: DatasetArgs,
 }
 
-/// What `gs info --json` prints.
-#[derive(Debug, Serialize)]
-struct Info {
-    kind: Kind,
-    /// Size of the file.
-    bytes: u64,
-    bytes_per_gaussian: Option<f64>,
-    gaussians: usize,
-    /// Width of the image that the scene was made for, px.
-    width: u32,
-    height: u32,
-    /// How the scene is rendered.
-    render: RenderSettings,
-    /// Whether the file has alpha; the scene is the picture on white then.
-    alpha: bool,
-    /// ICC profile of the colours; `null` for sRGB.
-    profile: Option<Profile>,
-    /// Ranges of the finite values, by parameter.
-    ranges: BTreeMap<&'static str, Range>,
-    /// Gaussians with a parameter that is NaN or infinite (an opacity of exactly 0 or 1 is
-    /// neither).
-    not_finite: usize,
-    /// The metadata of a checkpoint.
-    metadata: BTreeMap<String, String>,
-}
-
-/// An ICC profile.
-#[derive(Debug, Serialize)]
-struct Profile {
-    name: String,
-    bytes: usize,
-}
-
-#[derive(Debug, Clone, Copy, Serialize)]
-#[serde(rename_all = "lowercase")]
-enum Kind {
-    Scene,
-    Checkpoint,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-struct Range {
-    min: f32,
-    median: f32,
-    max: f32,
-}
-
 /// Prints the content of a file, or lists the adapters.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     // The command line has either the file or --adapters.
@@ -107,88 +57,14 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
             dataset => return dataset::print(&dataset?, args.json),
         }
     }
-    let SceneFile { path, scene, metadata, has_alpha, .. } = scene::read(file, Values::Any)?;
-    let scene_2d = match (scene, &args.measure) {
-        (AnyScene::ThreeD(file), Some(measure)) => return measure.print(&file, args.json),
+    let read = files::scene::read(file, Values::Any)?;
+    match (&read.scene, &args.measure) {
+        (AnyScene::ThreeD(file), Some(measure)) => measure.print(file, args.json),
         (AnyScene::TwoD(_), Some(_)) => {
-            return Err(Failure::usage("is a 2D scene, and --measure measures 3D scenes").at(file.display()));
+            Err(Failure::usage("is a 2D scene, and --measure measures 3D scenes").at(file.display()))
         }
-        (AnyScene::ThreeD(file), None) => return scene3d::print(&path, *file, metadata, args.json),
-        (AnyScene::TwoD(scene_2d), None) => scene_2d,
-    };
-    let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
-    let kind = if metadata.is_some() { Kind::Checkpoint } else { Kind::Scene };
-    if metadata.is_none() {
-        scene_2d.validate().map_err(|source| Failure::of_scene(gs_io::Error::Content { path, source }))?;
+        (_, None) => scene::print(read, args.json),
     }
-    let info = Info { alpha: has_alpha, metadata: metadata.unwrap_or_default(), ..Info::of(kind, bytes, &scene_2d) };
-    output::answer(args.json, &info, || text(&info))
-}
-
-impl Info {
-    fn of(kind: Kind, bytes: u64, file: &File2d) -> Self {
-        let File2d { scene, width, height, settings, profile, .. } = file;
-        let gaussians = scene.len();
-        let mut ranges = BTreeMap::new();
-        let mut add = |name, values: Vec<f32>| {
-            if let Some(quantiles) = ValueQuantiles::of(values) {
-                ranges.insert(name, quantiles.into());
-            }
-        };
-        add("x (px)", scene.means.iter().map(|m| m.x).collect());
-        add("y (px)", scene.means.iter().map(|m| m.y).collect());
-        add("larger scale (px)", scene.log_scales.iter().map(|s| s.max_element().exp()).collect());
-        add("smaller scale (px)", scene.log_scales.iter().map(|s| s.min_element().exp()).collect());
-        add("opacity", scene.opacity_logits.iter().map(|&logit| sigmoid(logit)).collect());
-        add("red", scene.colors.iter().map(|c| c.x).collect());
-        add("green", scene.colors.iter().map(|c| c.y).collect());
-        add("blue", scene.colors.iter().map(|c| c.z).collect());
-        Self {
-            kind,
-            bytes,
-            bytes_per_gaussian: (gaussians > 0).then(|| bytes as f64 / gaussians as f64),
-            gaussians,
-            width: *width,
-            height: *height,
-            render: *settings,
-            alpha: false,
-            profile: profile.as_ref().map(|profile| Profile { name: profile.name(), bytes: profile.bytes().len() }),
-            ranges,
-            not_finite: not_finite_2d(scene),
-            metadata: BTreeMap::new(),
-        }
-    }
-}
-
-impl From<ValueQuantiles> for Range {
-    fn from(ValueQuantiles { min, median, max, .. }: ValueQuantiles) -> Self {
-        Self { min, median, max }
-    }
-}
-
-fn text(info: &Info) -> String {
-    let kind = match info.kind {
-        Kind::Scene => "2D scene",
-        Kind::Checkpoint => "checkpoint of a 2D fit",
-    };
-    let mut rows = vec![("kind", kind.to_owned()), ("Gaussians", info.gaussians.to_string())];
-    rows.push(("canvas", format!("{}x{} px", info.width, info.height)));
-    let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
-    rows.push(("size", format!("{}{each}", counted(info.bytes, "byte"))));
-    rows.push(("blend", info.render.effects.blend.name().to_owned()));
-    rows.push(("background", format!("{:?}", info.render.background_color())));
-    if info.alpha {
-        rows.push(("alpha", "yes; the values here are those of the picture on white".to_owned()));
-    }
-    if let Some(Profile { name, bytes }) = &info.profile {
-        rows.push(("profile", format!("{name}, {}", counted(*bytes, "byte"))));
-    }
-    rows.push(("not finite", info.not_finite.to_string()));
-    for (name, Range { min, median, max }) in &info.ranges {
-        let [min, median, max] = [min, median, max].map(|value| number(*value));
-        rows.push((name, format!("{min} to {max}, median {median}")));
-    }
-    rows_text(&rows, &info.metadata)
 }
 
 /// A line for each fact, and those of a checkpoint's metadata.
@@ -216,39 +92,4 @@ fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
         }
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::{Vec2, Vec3};
-    use gs_core::{Gaussian2d, Scene2d};
-
-    fn file(scene: Scene2d) -> File2d {
-        File2d { scene, width: 8, height: 8, settings: RenderSettings::default(), profile: None }
-    }
-
-    #[test]
-    fn values_that_are_not_finite_are_counted_and_left_out_of_the_ranges() {
-        let gaussian = |x, red| Gaussian2d {
-            mean: Vec2::new(x, 1.0),
-            log_scale: Vec2::ZERO,
-            rotation: 0.0,
-            opacity_logit: f32::INFINITY,
-            color: Vec3::new(red, 0.5, 0.5),
-        };
-        let scene = [gaussian(3.0, 0.1), gaussian(f32::NAN, 0.2), gaussian(5.0, f32::INFINITY)].into_iter().collect();
-        let info = Info::of(Kind::Scene, 300, &file(scene));
-        assert_eq!((info.gaussians, info.not_finite, info.bytes_per_gaussian), (3, 2, Some(100.0)));
-        assert_eq!(info.ranges["x (px)"], Range { min: 3.0, median: 5.0, max: 5.0 });
-        assert_eq!(info.ranges["red"], Range { min: 0.1, median: 0.2, max: 0.2 });
-        assert!(!info.ranges.contains_key("opacity"), "every Gaussian is opaque");
-    }
-
-    #[test]
-    fn an_empty_scene_has_no_ranges() {
-        let info = Info::of(Kind::Scene, 100, &file(Scene2d::default()));
-        assert!(info.ranges.is_empty() && info.bytes_per_gaussian.is_none());
-        assert!(text(&info).contains("Gaussians           0"));
-    }
 }

@@ -125,7 +125,7 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
     let flags = ["--checkpoint", checkpoint.to_str().unwrap(), "--checkpoint-every", "8"];
     gs(small(&image, &whole).into_iter().chain(flags)).done();
     let info = gs(["info", checkpoint.to_str().unwrap(), "--json"]).json();
-    assert_eq!((&info["kind"], &info["metadata"]["step"]), (&"checkpoint".into(), &"16".into()));
+    assert_eq!((&info["kind"], &info["metadata"]["step"]), (&"checkpoint of a 2D fit".into(), &"16".into()));
 
     // The second run continues the table of the first, which the checkpoint holds, whatever another
     // fit has left in the folder.

@@ -197,7 +197,7 @@ fn a_checkpoint_of_a_fit_is_a_scene() {
     gs(["fit", text(&image), "-o", text(&output)].into_iter().chain(flags).chain(["--checkpoint-every", "12"])).done();
     let info = gs(["info", text(&state), "--json"]).json();
     assert_eq!(
-        (&info["width"], &info["height"], &info["render"]["effects"]["blend"]),
+        (&info["picture"][0], &info["picture"][1], &info["render"]["effects"]["blend"]),
         (&48.into(), &32.into(), &"sum".into())
     );
     let png = place.path().join("a.png");

@@ -108,10 +108,10 @@ fn info_describes_a_2d_scene() {
     let (_, scene) = fitted(place.path());
     let path = scene.to_str().unwrap();
     let info = gs(["info", path, "--json"]).json();
-    assert_eq!((&info["kind"], &info["gaussians"]), (&"scene".into(), &40.into()));
-    assert_eq!((&info["width"], &info["height"], &info["not_finite"]), (&32.into(), &24.into(), &0.into()));
+    assert_eq!((&info["kind"], &info["gaussians"]), (&"2D scene".into(), &40.into()));
+    assert_eq!(&info["picture"], &serde_json::json!([32, 24]));
     assert_eq!(info["bytes"], fs::metadata(&scene).unwrap().len());
-    assert!(info["ranges"]["larger scale (px)"]["max"].as_f64().unwrap() > 0.2, "{info}");
+    assert!(info["quantiles"]["larger scale (px)"]["max"].as_f64().unwrap() > 0.2, "{info}");
     let text = gs(["info", path]).done().stdout;
     assert!(text.contains("32x24 px") && text.contains("sum"), "{text}");
 }
