@@ -1,17 +1,17 @@
 //! `gs encode`: images become compressed `.gsi` files.
 
-mod progress;
-
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
 use gs_core::{Blend, RenderSettings, counted};
 use gs_io::{GSI_EXTENSION, IccProfile, Inputs, StoredImage, read_stored_image, write_durably};
-use gs_train::{EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, Encoded, Tune, encode};
+use gs_train::{EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, Tune, encode};
 use serde::Serialize;
 
-use self::progress::Display;
 use crate::{
     failure::Failure,
     files::output_folder::{self, OutputFolder, OverwriteArgs},
@@ -21,7 +21,10 @@ use crate::{
     },
     image_fit::batch::{self, BatchImage, Done, Row},
     memory::{self, Need},
-    terminal::output::{self, printable},
+    terminal::{
+        output::{self, printable},
+        stages::Stages,
+    },
 };
 
 const AFTER_HELP: &str = "\
@@ -155,9 +158,13 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     work.need().check_and_print()?;
     let backend = args.backend.open_to_render_2d(&RenderSettings::blended(Blend::Sum))?;
     output::note(&backend.reason);
-    let display = Display::new();
-    let summary = work.write(&backend, &args.output, &|progress| display.show(progress));
-    display.clear();
+    let stages = Stages::new(Duration::from_secs(1));
+    let summary = work.write(&backend, &args.output, &|progress| {
+        let work = if progress.work == EncodeWork::Rounding { "rounding" } else { "fitting" };
+        let words = format!("{work} {}", counted(progress.gaussians, "Gaussian"));
+        stages.show(&progress.stage.to_string(), &words, progress.done);
+    });
+    stages.printer().clear_bar();
     let summary = summary?;
     if args.json {
         return output::json(&summary);

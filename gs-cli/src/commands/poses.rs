@@ -1,22 +1,26 @@
 //! `gs poses`: photographs or a video become a data set, with camera poses that COLMAP finds.
 
-mod display;
-
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use clap::Args;
 use gs_core::counted;
 use gs_io::{Inputs, OutputFolder};
 use gs_poses::{
-    Colmap, Error, FILES, LensKind, Pairs, Quality, Settings, Source, Verdict, find_poses, refuse_other_models,
+    Colmap, Error, FILES, LensKind, Observer, Pairs, Quality, Settings, Source, Stage, Verdict, find_poses, refuse_other_models,
 };
 
-use self::display::Display;
 use crate::{
     failure::Failure,
     files::output_folder::{self, OverwriteArgs},
     flags::values::{by_name, whole},
-    terminal::output::{self, quoted},
+    terminal::{
+        interrupt::Interrupt,
+        output::{self, quoted},
+        stages::Stages,
+    },
 };
 
 const AFTER_HELP: &str = "\
@@ -144,9 +148,11 @@ fn find(
             "note: COLMAP {version} compares photographs 4 to 6 times more slowly than 4.1.1 does"
         ));
     }
-    let mut display = Display::new();
+    let stages = Stages::new(Duration::ZERO);
+    let interrupt = Interrupt::listen(stages.printer(), "stopping");
+    let mut display = Display { stages, interrupt };
     let found = find_poses(source, settings, &colmap, (&folder, resume), &mut display);
-    display.clear();
+    display.stages.printer().clear_bar();
     found.map_err(|error| match error {
         error @ Error::Cancelled { .. } => {
             let flag = if command.starts_with("gs poses") { " --resume" } else { "" };
@@ -154,4 +160,24 @@ fn find(
         }
         error => error.into(),
     })
+}
+
+/// What is shown, and Ctrl-C.
+struct Display {
+    stages: Stages,
+    interrupt: Interrupt,
+}
+
+impl Observer for Display {
+    fn progress(&mut self, stage: Stage, done: usize, total: usize) {
+        self.stages.show(stage.words(), stage.words(), done.min(total) as f64 / total.max(1) as f64);
+    }
+
+    fn note(&mut self, line: &str) {
+        self.stages.printer().print(format_args!("note: {line}"));
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.interrupt.requested()
+    }
 }
