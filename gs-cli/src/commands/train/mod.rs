@@ -4,7 +4,6 @@
 //! first step.
 
 mod arguments;
-mod idle;
 mod pictures;
 mod results;
 mod settings;
@@ -103,7 +102,6 @@ fn train(
 ) -> Result<(), Failure> {
     let (trainer, log, description) =
         start.begin(&backend.rasterizer, (input.dataset, views), limit.as_mut(), &job.phases)?;
-    idle::idle_part(trainer.settings()).iter().for_each(|part| output::note(format_args!("note: {part}")));
     check_memory(input.path, &trainer)?;
     let iterations = trainer.settings().iterations;
     let every = (iterations >= LONG).then_some(iterations / 10);
