@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{Optimizer, counted, edit::EditCounts};
-use gs_density::{Policy, share_of};
+use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -18,8 +18,6 @@ const CLEARLY: f64 = 0.9;
 /// A policy whose kind is not known.
 const OWN: &str = "the custom policy";
 
-/// Largest number of rounds that is suggested.
-const MOST_ROUNDS: u32 = 10_000;
 
 /// A finished run's shortfall: it has less than nine tenths of the Gaussians of its budget, or fewer
 /// than all where it should end with exactly as many.
@@ -66,7 +64,6 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             },
             first: (gaussians + self.edits().pruned()).saturating_sub(self.edits().added()),
             last: gaussians,
-            budget,
             rounds: self.rounds_of_scene(actions.map_or(1.0, |actions| actions.growth_fraction)),
             edits: *self.edits(),
         };
@@ -89,7 +86,6 @@ struct Growth {
     /// Number of Gaussians at the start, and at the end.
     first: u32,
     last: u32,
-    budget: u32,
     /// Rounds of density control in which the number of Gaussians grows.
     rounds: u32,
     edits: EditCounts,
@@ -114,23 +110,7 @@ impl Growth {
         }
         let rate = (f64::from(*last) / f64::from((*first).max(1))).powf(1.0 / f64::from(self.rounds)) - 1.0;
         let percent = 100.0 * rate as f32;
-        let hint = self.hint(percent).map_or_else(String::new, |hint| format!("; at this rate {hint}"));
-        format!(
-            "{policy} turned the initial {first} into {last} in {rounds}, {percent:.1} % more in each{pruned}{hint}"
-        )
-    }
-
-    /// Number of rounds, or of first Gaussians, that reach the budget, in words.
-    fn hint(&self, percent: f32) -> Option<String> {
-        let mut count = self.first;
-        let needed = (1..=MOST_ROUNDS).find(|_| {
-            let added = share_of(count as usize, percent);
-            count = count.saturating_add(u32::try_from(added).unwrap_or(u32::MAX)).min(self.budget);
-            count >= self.budget
-        })?;
-        let factor = (1.0 + f64::from(percent) / 100.0).powf(f64::from(self.rounds));
-        let first = (f64::from(self.budget) / factor).ceil();
-        Some(format!("the budget takes {needed} rounds (more steps), or {first} initial Gaussians"))
+        format!("{policy} turned the initial {first} into {last} in {rounds}, {percent:.1} % more in each{pruned}")
     }
 }
 
@@ -142,13 +122,13 @@ mod tests {
     fn growth_is_described_by_its_rate() {
         let own = |last, rounds, edits| {
             let policy = Some("policy `mcmc`".to_owned());
-            Growth { policy, first: 200, last, budget: 1_000, rounds, edits }.reason()
+            Growth { policy, first: 200, last, rounds, edits }.reason()
         };
         let grown = EditCounts { split: 203, pruned_transparent: 2, ..EditCounts::default() };
         assert_eq!(
             own(401, 6, grown),
             "policy `mcmc` turned the initial 200 into 401 in 6 rounds, 12.3 % more in each; 2 Gaussians were \
-             pruned; at this rate the budget takes 14 rounds (more steps), or 499 initial Gaussians"
+             pruned"
         );
         assert_eq!(own(200, 6, EditCounts::default()), "policy `mcmc` added no Gaussians in 6 rounds");
         let shrunk = EditCounts { cloned: 1, pruned_too_large: 4, ..EditCounts::default() };
