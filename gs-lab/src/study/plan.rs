@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use gs_core::{Scene2d, Scene3d, counted};
-use gs_train::{FitSettings, RunSettings as _, TrainSettings};
+use gs_train::RunSettings as _;
 use rayon::prelude::*;
 
 use super::{
@@ -208,8 +208,7 @@ fn settings_of<S: Planned>(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -
         let Some(key) = culprit.map(|path| format!("settings.{}", until_unknown(&path, &message))) else {
             return wrong(study, arm, None, message);
         };
-        let elsewhere = is_known_elsewhere::<S>(&over, &key, &message);
-        wrong(study, arm, Some(&key), format!("{key}: {message}{elsewhere}"))
+        wrong(study, arm, Some(&key), format!("{key}: {message}"))
     })
 }
 
@@ -226,18 +225,6 @@ fn until_unknown<'p>(path: &'p str, message: &str) -> &'p str {
         end += 1;
     }
     path
-}
-
-/// A remark on a key that is unknown in one kind of settings, but known in the other.
-fn is_known_elsewhere<S: Planned>(over: &toml::Table, key: &str, message: &str) -> &'static str {
-    let first = key.split('.').nth(1).unwrap_or_default();
-    let Some(value) = over.get(first).filter(|_| message.starts_with("unknown key")) else { return "" };
-    let alone: toml::Table = [(first.to_owned(), value.clone())].into_iter().collect();
-    match S::IS_3D {
-        true if applied(&FitSettings::default(), &alone).is_ok() => " (only fits of images have it)",
-        false if applied(&TrainSettings::default(), &alone).is_ok() => " (only the training of scenes has it)",
-        _ => "",
-    }
 }
 
 /// The error of an arm, at the line of its key, or of the study's where the arm does not have it.

@@ -399,7 +399,6 @@ fn what_is_wrong_is_said_in_one_line_with_key_and_line() {
             "settings.rebin-every = 4",
             "study `small-3d`: line 14: arm `none`: settings.rebin-every: unknown key `rebin-every`",
         ),
-        ("policy = 'none'", "settings.rebin-every = 4", "(only fits of images have it)"),
         ("policy = 'none'", "policy = 'residual'", "line 14: arm `none`: policy: policy is `residual`"),
         ("policy = 'none'", "preset = 'paper'", "line 14: arm `none`: preset: there is no preset `paper` for scenes"),
         ("policy = 'none'", "start = 'depths'", "line 14: arm `none`: start: start is depths"),

@@ -10,7 +10,7 @@ use crate::{
     },
     result::{EQUAL_COUNT, FEWEST_SEEDS},
     run::RunOutcome,
-    study::{Clock, Run, StudyTarget, VERSION},
+    study::{Arm, Clock, Run, StudyTarget, VERSION},
 };
 
 impl Page<'_> {
@@ -31,17 +31,7 @@ impl Page<'_> {
                 @for (index, arm) in plan.study.arms.iter().enumerate() {
                     h3 { (self.swatch(index)) (arm.name) }
                     p { (arm.about) }
-                    @if let Some(preset) = &arm.preset { p { "Preset " code { (preset) } "." } }
-                    @if let Some(iterations) = arm.iterations { p { (iterations) " iterations." } }
-                    @if let Some(start) = arm.start { p { "Start from " code { (start) } "." } }
-                    @if let Some(error) = arm.pose_error {
-                        p { "Poses wrong by " (error.degrees) "° and " (error.percent) " % of the cameras' extent." }
-                    }
-                    @if arm.like_gs_train { p { "Number of Gaussians and start as in " code { "gs train" } "." } }
-                    @if let Some(policy) = &arm.policy { p { "Policy " code { (policy) } "." } }
-                    @if let Some(parameterization) = arm.parameterization { p { "Parameterization " code { (parameterization.name()) } "." } }
-                    @if let Some(own) = &arm.own_policy { p { "A policy of its own: " code { (own.fingerprint) } "." } }
-                    @if !arm.settings.is_empty() { pre { (arm.settings.to_string()) } }
+                    @if let Some(keys) = keys(arm) { pre { (keys) } }
                     @if let Some(run) = of_arm(index) {
                         details {
                             summary { "all settings of row " (run.row) " (" (plan.describe(run)) ")" }
@@ -141,4 +131,11 @@ impl Page<'_> {
             }
         }
     }
+}
+
+/// What an arm sets, as in the study's file.
+fn keys(arm: &Arm) -> Option<String> {
+    let mut keys = toml::Table::try_from(arm).ok()?;
+    ["name", "about"].map(|key| keys.remove(key));
+    Some(keys.to_string()).filter(|text| !text.is_empty())
 }

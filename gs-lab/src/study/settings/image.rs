@@ -8,8 +8,6 @@ use super::{Asked, Planned, WrongKey};
 use crate::study::{arm::AnyPolicy, target::StudyTarget};
 
 impl Planned for Scene2d {
-    const IS_3D: bool = false;
-
     fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<FitSettings, WrongKey> {
         let size = target.image().map_or((1, 1), |image| image.size());
         let preset = Preset::from_name(asked.preset()).ok_or_else(|| {

@@ -44,9 +44,6 @@ impl WrongKey {
 
 /// The kind of scene of a run, as far as a plan needs it.
 pub(crate) trait Planned: Trainable {
-    /// Whether this is the kind of scenes, for messages.
-    const IS_3D: bool;
-
     /// The settings of an arm before its table of settings, without the seed.
     fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<Self::Settings, WrongKey>;
 

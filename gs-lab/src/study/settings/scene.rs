@@ -9,8 +9,6 @@ use super::{Asked, Planned, WrongKey};
 use crate::study::{arm::AnyPolicy, overrides, target::StudyTarget};
 
 impl Planned for Scene3d {
-    const IS_3D: bool = true;
-
     fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<TrainSettings, WrongKey> {
         let preset = TrainPreset::from_name(asked.preset()).ok_or_else(|| {
             let known = TrainPreset::ALL.map(TrainPreset::name).join(", ");
