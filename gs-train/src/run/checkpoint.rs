@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     recovery::FreshStart,
-    settings_file::toml_value::from_toml,
     task::{RunSettings, Trainable},
 };
 use crate::error::Error;
@@ -122,7 +121,8 @@ fn parsed<T: FromStr<Err: Display>>(metadata: &BTreeMap<String, String>, key: &s
 /// # Errors
 /// [`Error::Checkpoint`] where it is missing or no such table.
 pub(crate) fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
-    from_toml(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {e}")))
+    toml::from_str(value(metadata, key)?)
+        .map_err(|e| Error::Checkpoint(format!("its `{key}`: {}", e.message())))
 }
 
 /// The text that [`table`] reads.

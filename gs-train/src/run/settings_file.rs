@@ -1,8 +1,6 @@
 //! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
 //! and the nearest known key.
 
-pub(super) mod toml_value;
-
 use std::{fmt, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
@@ -11,7 +9,6 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use self::toml_value::{Misread, from_toml};
 use crate::error::Error;
 
 /// Parses the text of a settings file. `file` is its name for the error.
@@ -59,11 +56,11 @@ pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Err
 
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
 fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
-    from_toml(text).map_err(|Misread { start, message }| {
-        let start = start.unwrap_or(0).min(text.len());
-        match Unknown::of(&message, text, start) {
+    toml::from_str(text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start);
+        match Unknown::of(error.message(), text, start) {
             Some(unknown) => (unknown.start, unknown.to_string()),
-            None => (start, message),
+            None => (start, error.message().to_owned()),
         }
     })
 }
