@@ -7,13 +7,15 @@ use std::{
     collections::BTreeMap,
     env, fs,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::Command,
     thread,
     time::{Duration, Instant},
 };
 
 use self::slurm::Slurm;
-use crate::system::{built_example, built_program, install_packages, is_root, step};
+use crate::system::{
+    Options, at, built_example, built_program, entries, has_program, install_packages, is_root, output, step,
+};
 
 /// Tasks of each array, as its command says.
 const TASKS: usize = 4;
@@ -114,19 +116,19 @@ const CASES: [Case; 3] = [
 ];
 
 /// Does all cases on a cluster and in one process, and compares them.
-pub(crate) fn run(install: bool) -> Result<(), String> {
-    if install {
+pub(crate) fn run(options: Options) -> Result<(), String> {
+    if options.install {
         install_packages(&["slurm-wlm", "munge"])
             .map_err(|error| format!("{error}: install Slurm by hand, or run without --install"))?;
     }
-    if let Some(missing) = slurm::PROGRAMS.iter().find(|program| !has(program)) {
+    if let Some(missing) = slurm::PROGRAMS.iter().find(|program| !has_program(program)) {
         let how = if is_root() { "cargo xtask cluster --install" } else { "cargo xtask cluster --install, as root" };
         eprintln!("skipped: there is no {missing}: jobs on a cluster; install Slurm with {how}");
         return Ok(());
     }
     let (gs, posed_images) = (built_program()?, built_example("posed_images")?);
     let place = env::temp_dir().join(format!("gs-cluster-{}", std::process::id()));
-    fs::create_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
+    fs::create_dir(&place).map_err(at(&place))?;
     step(Command::new(posed_images).arg(place.join("posed")))?;
     let started = Instant::now();
     let checked = Slurm::start(&place)
@@ -141,17 +143,11 @@ pub(crate) fn run(install: bool) -> Result<(), String> {
     checked
 }
 
-/// Whether there is a program of this name.
-fn has(program: &str) -> bool {
-    let paths = env::var_os("PATH").unwrap_or_default();
-    env::split_paths(&paths).chain(["/usr/sbin".into()]).any(|folder| folder.join(program).is_file())
-}
-
 /// Does the jobs twice and compares the results.
 fn check(jobs: &Watched<'_>, place: &Path) -> Result<(), String> {
     let Case { name, kind, text, ended, kills, resumes } = jobs.case;
     let [file, cluster, alone] = ["toml", "cluster", "alone"].map(|end| place.join(format!("{name}.{end}")));
-    fs::write(&file, text).map_err(|error| format!("{}: {error}", file.display()))?;
+    fs::write(&file, text).map_err(at(&file))?;
     let said = jobs.all(kind.submit)?;
     let job = said.split_once("Submitted batch job ").and_then(|(_, rest)| rest.split(';').next());
     let job = job.ok_or_else(|| format!("no job was submitted: {said}"))?.trim();
@@ -243,10 +239,7 @@ fn cancel(jobs: &Watched<'_>, job: &str, ended: usize) -> Result<(), String> {
 /// Kills task 1 in the middle of a job, and lets Slurm start it again. Returns the job's number.
 fn kill_and_requeue(jobs: &Watched<'_>, job: &str) -> Result<usize, String> {
     let (number, process) = jobs.doing(job, 1)?;
-    let killed = Command::new("kill").args(["-KILL", &process.to_string()]).status();
-    if !killed.is_ok_and(|status| status.success()) {
-        return Err(format!("process {process} could not be killed"));
-    }
+    output(Command::new("kill").args(["-KILL", &process.to_string()]))?;
     eprintln!("killed task 1, which was doing number {number}");
     let task = format!("{job}_1");
     jobs.wait("the end of the killed task", |_| {
@@ -258,9 +251,8 @@ fn kill_and_requeue(jobs: &Watched<'_>, job: &str) -> Result<usize, String> {
 
 /// The logs of an array's tasks.
 fn logs(cluster: &Path) -> Result<Vec<String>, String> {
-    let logs = fs::read_dir(cluster.join("logs")).map_err(|error| format!("logs: {error}"))?;
-    let read = |path: PathBuf| fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()));
-    logs.flatten().map(|log| read(log.path())).collect()
+    let read = |log: &PathBuf| fs::read_to_string(log).map_err(at(log));
+    entries(&cluster.join("logs"))?.iter().map(read).collect()
 }
 
 /// Checks in the logs that no job was done twice, and that each was done, but for the one during
@@ -292,20 +284,4 @@ fn resumed(logs: &[String]) -> Result<(), String> {
     let line = lines.find(|line| line.contains("goes on from its checkpoint at step "));
     eprintln!("{}", line.ok_or("no task says that a job went on from its checkpoint")?);
     Ok(())
-}
-
-/// The words of a command, for messages.
-fn line(command: &Command) -> String {
-    let words = std::iter::once(command.get_program()).chain(command.get_args());
-    words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
-}
-
-/// Runs a command and returns its standard output. Its standard error is part of an error.
-fn output(command: &mut Command) -> Result<String, String> {
-    let words = line(command);
-    let ended = command.stdin(Stdio::null()).output().map_err(|error| format!("{words}: {error}"))?;
-    match ended.status.success() {
-        true => Ok(String::from_utf8_lossy(&ended.stdout).into_owned()),
-        false => Err(format!("{words}: {}: {}", ended.status, String::from_utf8_lossy(&ended.stderr).trim())),
-    }
 }

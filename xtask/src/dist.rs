@@ -12,7 +12,7 @@ use std::{
 };
 
 use crate::{
-    system::{Options, target, workspace},
+    system::{Options, at, remove, target},
     web,
 };
 use tools::Tools;
@@ -127,11 +127,8 @@ fn staging(system: &System) -> PathBuf {
 
 /// Makes an empty folder, in place of one that may be there.
 fn empty(folder: &Path) -> Result<(), String> {
-    let made = match folder.exists() {
-        true => fs::remove_dir_all(folder),
-        false => Ok(()),
-    };
-    made.and_then(|()| fs::create_dir_all(folder)).map_err(|error| format!("{}: {error}", folder.display()))
+    remove(folder)?;
+    fs::create_dir_all(folder).map_err(at(folder))
 }
 
 /// Copies a file, and makes the folders above it.
@@ -139,9 +136,4 @@ fn copy(from: &Path, to: &Path) -> Result<(), String> {
     let folder = to.parent().unwrap_or(to);
     let copied = fs::create_dir_all(folder).and_then(|()| fs::copy(from, to));
     copied.map(drop).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))
-}
-
-/// A file of the workspace.
-fn source(name: &str) -> PathBuf {
-    workspace().join(name)
 }

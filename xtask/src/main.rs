@@ -15,6 +15,8 @@ mod web;
 
 use std::process::ExitCode;
 
+use system::Options;
+
 const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
@@ -70,8 +72,8 @@ Options:
   --install  install the target and the component, and put the page where a gs of cargo install finds
              it, into share/gs/page of cargo's folder; with --test or --package install Debian's
              chromium, nodejs and npm, and packages of npm
-  --package  as the first flag: instead build the npm package, the viewer and the decoder of .gsi files,
-             into target/web-package; with --test, test it
+  --package  instead build the npm package, the viewer and the decoder of .gsi files, into
+             target/web-package; with --test, test it
 
 cargo xtask dist builds a release into target/dist, for Linux (x86-64 and 64-bit Arm, glibc 2.28 or
 later) and Windows (x86-64): archives of the program with the page, completions, man pages and
@@ -87,59 +89,30 @@ Options:
   --install  install Rust's targets and the component rust-src; with --test Debian's debootstrap,
              qemu-user-static and wine";
 
-/// What the command line asks for.
-enum Task {
-    Test(test::Options),
-    Cluster { install: bool },
-    Poses(system::Options),
-    Python(system::Options),
-    Web(system::Options),
-    Package(system::Options),
-    Dist(system::Options),
-}
-
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let task = match &words[..] {
-        []
-        | ["help" | "-h" | "--help"]
-        | ["test" | "cluster" | "poses" | "python" | "web" | "dist", "-h" | "--help"] => {
-            eprintln!("{HELP}");
-            return ExitCode::SUCCESS;
-        }
-        ["test", flags @ ..] => test::Options::parse(flags).map(Task::Test),
-        ["cluster"] => Ok(Task::Cluster { install: false }),
-        ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
-        ["poses", flags @ ..] => system::Options::parse(flags).map(Task::Poses),
-        ["python", flags @ ..] => system::Options::parse(flags).map(Task::Python),
-        ["web", "--package", flags @ ..] => system::Options::parse(flags).map(Task::Package),
-        ["web", flags @ ..] => system::Options::parse(flags).map(Task::Web),
-        ["dist", flags @ ..] => system::Options::parse(flags).map(Task::Dist),
-        ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
-        [other, ..] => Err(format!("unknown command {other}")),
-    };
-    let task = match task {
-        Ok(task) => task,
-        Err(message) => {
-            eprintln!("error: {message}: see cargo xtask help");
-            return ExitCode::from(2);
-        }
-    };
-    let ended = match task {
-        Task::Test(options) => test::run(options),
-        Task::Cluster { install } => cluster::run(install),
-        Task::Poses(options) => poses::run(options),
-        Task::Python(options) => python::run(options),
-        Task::Web(options) => web::run(options),
-        Task::Package(options) => web::run_package(options),
-        Task::Dist(options) => dist::run(options),
-    };
-    match ended {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("error: {message}");
-            ExitCode::FAILURE
-        }
+    let (name, flags) = arguments.split_first().map_or(("help", &[][..]), |(name, flags)| (name.as_str(), flags));
+    if ["help", "-h", "--help"].contains(&name) || flags.iter().any(|flag| flag == "-h" || flag == "--help") {
+        eprintln!("{HELP}");
+        return ExitCode::SUCCESS;
     }
+    type Run = fn(Options) -> Result<(), String>;
+    let (run, known): (Run, &[&str]) = match name {
+        "test" => (test::run, &["--install", "--slow"]),
+        "cluster" => (cluster::run, &["--install"]),
+        "poses" => (poses::run, &["--test", "--install"]),
+        "python" => (python::run, &["--test", "--install"]),
+        "web" => (web::run, &["--package", "--test", "--install"]),
+        "dist" => (dist::run, &["--test", "--install"]),
+        other => return failed(&format!("unknown command {other}: see cargo xtask help"), 2),
+    };
+    match Options::parse(flags, known) {
+        Ok(options) => run(options).map_or_else(|message| failed(&message, 1), |()| ExitCode::SUCCESS),
+        Err(message) => failed(&format!("{message}: see cargo xtask help"), 2),
+    }
+}
+
+fn failed(message: &str, status: u8) -> ExitCode {
+    eprintln!("error: {message}");
+    ExitCode::from(status)
 }

@@ -4,7 +4,7 @@ use std::{path::PathBuf, process::Command};
 
 use crate::{
     python,
-    system::{Options, cargo_program, install_packages, step, target, workspace},
+    system::{Options, cargo_program, install_packages, output, step, target, workspace},
 };
 
 /// The test that runs COLMAP, and the one of how it compares.
@@ -42,15 +42,12 @@ fn pycolmap(install: bool) -> Result<PathBuf, String> {
     let python = environment.join("bin/python");
     if install {
         let system = python::with_environments(9, true)?.ok_or("no Python 3.9 or later with the module venv")?;
-        step(Command::new(system).args(["-m", "venv"]).arg(&environment))?;
-        let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "2", PYCOLMAP];
-        step(Command::new(&python).args(pip))?;
+        step(python::environment(system, &environment)?.arg(PYCOLMAP))?;
     }
     if python.exists() { Ok(python) } else { Err("--install makes it".to_owned()) }
 }
 
 /// The first line of COLMAP's help; `None` without COLMAP.
 fn version() -> Option<String> {
-    let output = Command::new("colmap").arg("help").output().ok()?;
-    String::from_utf8_lossy(&output.stdout).lines().next().map(str::to_owned)
+    output(Command::new("colmap").arg("help")).ok()?.lines().next().map(str::to_owned)
 }

@@ -1,12 +1,12 @@
 //! `cargo xtask python`: builds the Python module, and tests it in an environment of its own.
 
 use std::{
-    fs,
+    ffi::OsStr,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::Command,
 };
 
-use crate::system::{Options, cargo_program, install_packages, step, target, workspace};
+use crate::system::{Options, cargo_program, entries, install_packages, output, remove, step, target, workspace};
 
 /// What builds wheels, from PyPI.
 const MATURIN: &str = "maturin>=1.9,<2";
@@ -24,13 +24,8 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     let target = target();
     let (environment, wheels) = (target.join("python"), target.join("wheels"));
     remove(&environment)?;
-    step(Command::new(python).args(["-m", "venv"]).arg(&environment))?;
-    let program = |name: &str| environment.join("bin").join(name);
-    let install = |what: &str| {
-        let mut pip = Command::new(program("pip"));
-        step(pip.args(["install", "--quiet", "--disable-pip-version-check", "--retries", "2", what]))
-    };
-    if let Err(error) = install(MATURIN) {
+    let program = |name: &str| programs(&environment).join(name);
+    if let Err(error) = self::environment(python, &environment).and_then(|mut pip| step(pip.arg(MATURIN))) {
         eprintln!("skipped: what the Python module needs cannot be installed ({error})");
         return Ok(());
     }
@@ -40,12 +35,12 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     let mut build = Command::new(program("maturin"));
     build.args(["build", "--locked", "--profile", profile, "--out"]).arg(&wheels).env("CARGO", cargo_program());
     step(build.current_dir(&module))?;
-    let wheel = wheel_in(&wheels)?;
+    let wheel = entries(&wheels)?.pop().ok_or("maturin built no wheel")?;
     eprintln!("built {}", wheel.display());
     if !options.test {
         return Ok(());
     }
-    install(&format!("{}[test]", wheel.display()))?;
+    step(pip(&environment).arg(format!("{}[test]", wheel.display())))?;
     step(Command::new(program("ruff")).args(["check", "."]).current_dir(&module))?;
     step(Command::new(program("ruff")).args(["format", "--check", "."]).current_dir(&module))?;
     step(Command::new(program("mypy")).args(["--strict", "python", "tests", "examples"]).current_dir(&module))?;
@@ -61,6 +56,23 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 const STUBTEST: [&str; 4] =
     ["gaussian_splats._native", "--ignore-missing-stub", "--mypy-config-file", "pyproject.toml"];
 
+/// The folder of an environment's programs.
+pub(crate) fn programs(environment: &Path) -> PathBuf {
+    environment.join(if cfg!(windows) { "Scripts" } else { "bin" })
+}
+
+/// Makes an environment, and returns its `pip install`, to be given the packages.
+pub(crate) fn environment(python: impl AsRef<OsStr>, folder: &Path) -> Result<Command, String> {
+    step(Command::new(python).args(["-m", "venv"]).arg(folder))?;
+    Ok(pip(folder))
+}
+
+fn pip(environment: &Path) -> Command {
+    let mut pip = Command::new(programs(environment).join("python"));
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "2"]);
+    pip
+}
+
 /// The name of a Python 3 of at least a minor version that can make environments.
 pub(crate) fn with_environments(minor: u32, install: bool) -> Result<Option<&'static str>, String> {
     let found = || ["python3", "python"].into_iter().find(|program| has_venv(program, minor));
@@ -73,22 +85,5 @@ pub(crate) fn with_environments(minor: u32, install: bool) -> Result<Option<&'st
 /// Whether this is a Python that can make an environment.
 fn has_venv(program: &str, minor: u32) -> bool {
     let check = format!("import sys, venv, ensurepip; sys.exit(sys.version_info < (3, {minor}))");
-    let status = Command::new(program).args(["-c", &check]).stdout(Stdio::null()).stderr(Stdio::null()).status();
-    status.is_ok_and(|status| status.success())
-}
-
-/// Removes a folder of an earlier run.
-fn remove(folder: &Path) -> Result<(), String> {
-    match folder.exists() {
-        true => fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display())),
-        false => Ok(()),
-    }
-}
-
-fn wheel_in(folder: &Path) -> Result<PathBuf, String> {
-    let files = fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let mut files = files.flatten().map(|entry| entry.path());
-    files
-        .find(|path| path.extension().is_some_and(|ending| ending == "whl"))
-        .ok_or_else(|| format!("{}: there is no wheel", folder.display()))
+    output(Command::new(program).args(["-c", &check])).is_ok()
 }

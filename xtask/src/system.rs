@@ -3,32 +3,41 @@
 use std::{
     env,
     ffi::OsString,
+    fs, io,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, Stdio},
 };
 
-/// What the command line of `poses`, `python` and `web` asks for.
+/// What the flags of a command ask for.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Options {
-    /// Test.
-    pub(crate) test: bool,
     /// Install what is needed.
     pub(crate) install: bool,
+    /// Test.
+    pub(crate) test: bool,
+    /// Also run the tests marked `#[ignore]`, in the release profile.
+    pub(crate) slow: bool,
+    /// The npm package instead of the page.
+    pub(crate) package: bool,
 }
 
 impl Options {
-    /// Reads the flags.
-    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
-        let mut options = Self::default();
-        for flag in flags {
-            match *flag {
-                "--test" => options.test = true,
-                "--install" => options.install = true,
-                other => return Err(format!("unknown flag {other}")),
-            }
+    /// Reads flags, which must be among the `known` ones of a command.
+    pub(crate) fn parse(flags: &[String], known: &[&str]) -> Result<Self, String> {
+        if let Some(unknown) = flags.iter().find(|flag| !known.contains(&flag.as_str())) {
+            return Err(format!("unknown flag {unknown}"));
         }
-        Ok(options)
+        let [install, test, slow, package] =
+            ["--install", "--test", "--slow", "--package"].map(|flag| flags.iter().any(|given| given == flag));
+        Ok(Self { install, test, slow, package })
     }
+}
+
+/// Whether there is a program of this name.
+pub(crate) fn has_program(name: &str) -> bool {
+    let paths = env::var_os("PATH").unwrap_or_default();
+    let file = Path::new(name).with_extension(env::consts::EXE_EXTENSION);
+    env::split_paths(&paths).chain(["/usr/sbin".into()]).any(|folder| folder.join(&file).is_file())
 }
 
 /// Whether this process runs as root.
@@ -36,21 +45,21 @@ pub(crate) fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")
 }
 
+/// A command that runs as root, through sudo if necessary.
+pub(crate) fn root(program: &str) -> Command {
+    if is_root() {
+        return Command::new(program);
+    }
+    let mut command = Command::new("sudo");
+    command.arg(program);
+    command
+}
+
 /// Installs packages of Debian or Ubuntu, as root or through sudo.
 pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
-    let is_root = is_root();
     let apt = |arguments: &[&str]| {
-        let mut words = if is_root { vec![] } else { vec!["sudo"] };
-        words.extend(["apt-get", "--quiet", "--yes"]);
-        words.extend(arguments);
-        let line = words.join(" ");
-        eprintln!("== {line}");
-        let status = Command::new(words[0]).args(&words[1..]).env("DEBIAN_FRONTEND", "noninteractive").status();
-        match status {
-            Ok(status) if status.success() => Ok(()),
-            Ok(status) => Err(format!("{line}: {status}")),
-            Err(error) => Err(format!("{} could not be started: {error}", words[0])),
-        }
+        let mut command = root("apt-get");
+        step(command.args(["--quiet", "--yes"]).args(arguments).env("DEBIAN_FRONTEND", "noninteractive"))
     };
     // Package lists may be old, or absent as in a fresh container.
     let install = [&["install", "--no-install-recommends"], packages].concat();
@@ -59,14 +68,7 @@ pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
 
 /// Runs cargo in the workspace, under a line that shows the command.
 pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
-    let line = format!("cargo {}", arguments.join(" "));
-    eprintln!("== {line}");
-    let status = Command::new(cargo_program())
-        .args(arguments)
-        .current_dir(workspace())
-        .status()
-        .map_err(|error| format!("{line}: could not be started: {error}"))?;
-    if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }
+    step(Command::new(cargo_program()).args(arguments).current_dir(workspace()))
 }
 
 /// Builds `gs` for tests, and returns its path.
@@ -92,16 +94,48 @@ pub(crate) fn target() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from)
 }
 
+/// A command as it would be typed.
+pub(crate) fn line(command: &Command) -> String {
+    let words = [command.get_program()].into_iter().chain(command.get_args());
+    words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+}
+
 /// Runs a command under a line that shows it.
 pub(crate) fn step(command: &mut Command) -> Result<(), String> {
-    let words = [command.get_program()].into_iter().chain(command.get_args());
-    let line = words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ");
+    let line = line(command);
     eprintln!("== {line}");
     match command.status() {
         Ok(status) if status.success() => Ok(()),
         Ok(status) => Err(format!("{line}: {status}")),
         Err(error) => Err(format!("{line}: could not be started: {error}")),
     }
+}
+
+/// Runs a command and returns its standard output. Its standard error is part of an error.
+pub(crate) fn output(command: &mut Command) -> Result<String, String> {
+    let line = line(command);
+    let ended = command.stdin(Stdio::null()).output().map_err(|error| format!("{line}: {error}"))?;
+    let [results, errors] = [ended.stdout, ended.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    match ended.status.success() {
+        true => Ok(results),
+        false => Err(format!("{line}: {}: {}", ended.status, if errors.is_empty() { results } else { errors })),
+    }
+}
+
+/// The message of an error at a path.
+pub(crate) fn at(path: &Path) -> impl Fn(io::Error) -> String {
+    move |error| format!("{}: {error}", path.display())
+}
+
+/// The files and folders in a folder.
+pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let read = fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
+    read.map_err(at(folder))
+}
+
+/// Removes a folder that may be there.
+pub(crate) fn remove(folder: &Path) -> Result<(), String> {
+    if folder.exists() { fs::remove_dir_all(folder).map_err(at(folder)) } else { Ok(()) }
 }
 
 /// Checks that the compiler has a target, or installs it.

@@ -1,42 +1,16 @@
 //! `cargo xtask test`: all the tests, and what they need.
 
-use std::{
-    env,
-    path::PathBuf,
-    process::{Command, Stdio},
-};
+use std::{env, path::PathBuf, process::Command};
 
-use crate::system::{built_example, cargo, cargo_program, install_packages, step, workspace};
+use crate::system::{
+    Options, built_example, cargo, cargo_program, has_program, install_packages, output, step, workspace,
+};
 
 /// The package of Debian and Ubuntu that holds Mesa's software Vulkan driver.
 const DRIVER: &str = "mesa-vulkan-drivers";
 
 /// Part of the path of each test that needs a graphics adapter.
 const NEEDS_ADAPTER: &str = "wgpu";
-
-/// What the command line asks for.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Options {
-    /// Install what the tests need.
-    install: bool,
-    /// Also run the tests marked `#[ignore]`, in the release profile.
-    slow: bool,
-}
-
-impl Options {
-    /// Reads the flags after `test`.
-    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
-        let mut options = Self::default();
-        for flag in flags {
-            match *flag {
-                "--install" => options.install = true,
-                "--slow" => options.slow = true,
-                other => return Err(format!("unknown flag {other}")),
-            }
-        }
-        Ok(options)
-    }
-}
 
 /// Runs all the tests. The first group that fails ends the run.
 pub(crate) fn run(options: Options) -> Result<(), String> {
@@ -45,7 +19,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     // A test of gs-backend runs it.
     built_example("window")?;
     let skip: &[&str] = if adapter { &[] } else { &["--", "--skip", NEEDS_ADAPTER] };
-    if has_nextest() {
+    if has_program("cargo-nextest") {
         // nextest runs the test programs side by side, but no documentation tests.
         cargo(&[&["nextest", "run", "--workspace", "--lib", "--bins", "--tests"], skip].concat())?;
     } else {
@@ -91,16 +65,7 @@ fn find_adapter(install: bool) -> Result<bool, String> {
 /// Lists the tests that [`run`] skipped because there is no adapter.
 fn report_skipped() -> Result<(), String> {
     let arguments = ["test", "--quiet", "--workspace", "--lib", "--bins", "--tests", "--", "--list", NEEDS_ADAPTER];
-    let output = Command::new(cargo_program())
-        .args(arguments)
-        .current_dir(workspace())
-        .stderr(Stdio::inherit())
-        .output()
-        .map_err(|error| format!("cargo could not be started: {error}"))?;
-    if !output.status.success() {
-        return Err(format!("cargo {}: {}", arguments.join(" "), output.status));
-    }
-    let list = String::from_utf8_lossy(&output.stdout);
+    let list = output(Command::new(cargo_program()).args(arguments).current_dir(workspace()))?;
     let names: Vec<&str> = list.lines().filter_map(|line| line.strip_suffix(": test")).collect();
     names.iter().for_each(|name| eprintln!("skipped: {name}"));
     eprintln!(
@@ -108,11 +73,4 @@ fn report_skipped() -> Result<(), String> {
         names.len()
     );
     Ok(())
-}
-
-/// Whether cargo has nextest.
-fn has_nextest() -> bool {
-    let mut version = Command::new(cargo_program());
-    version.args(["nextest", "--version"]).stdout(Stdio::null()).stderr(Stdio::null());
-    version.status().is_ok_and(|status| status.success())
 }

@@ -5,12 +5,12 @@ mod package;
 use std::{
     env, fs, io,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::Command,
 };
 
 use crate::system::{
-    Options, built_program, cargo_program, install_packages, need_target, remapped_paths, rustc, step, target,
-    workspace,
+    Options, at, built_program, cargo_program, has_program, install_packages, need_target, remapped_paths, remove,
+    rustc, step, target, workspace,
 };
 
 use package::package_folder;
@@ -39,14 +39,19 @@ const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
 
 /// Builds the page into `target/page`, or tests one that was built without optimising what does not
-/// compute, which takes half the time.
+/// compute, which takes half the time; or builds the npm package into `target/web-package`.
 pub(crate) fn run(options: Options) -> Result<(), String> {
     let target = target();
     if options.install {
-        install(options.test)?;
+        install(options.test || options.package)?;
     }
     need_target(TARGET, options.install)?;
     check_versions()?;
+    if options.package {
+        // Only a release, which adds the licences of all parts, goes into `target/dist`.
+        let archive = package(&package_folder(), |_| Ok(()))?;
+        return if options.test { test_package(&archive, built_program, options.install).map(drop) } else { Ok(()) };
+    }
     if options.test {
         return test(&target, options.install);
     }
@@ -55,18 +60,6 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
         Some(installed) => copy_folder(&page, &installed),
         None => Ok(()),
     }
-}
-
-/// Builds the npm package into `target/web-package`, and tests it if that is asked for. Only a release, which adds
-/// the licences of all parts, goes into `target/dist`.
-pub(crate) fn run_package(options: Options) -> Result<(), String> {
-    if options.install {
-        install(true)?;
-    }
-    need_target(TARGET, options.install)?;
-    check_versions()?;
-    let archive = package(&package_folder(), |_| Ok(()))?;
-    if options.test { test_package(&archive, built_program, options.install).map(drop) } else { Ok(()) }
 }
 
 /// Builds the page into `target/page`, and returns the folder.
@@ -95,10 +88,8 @@ pub(crate) fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
         }
         Ok(())
     }
-    if to.exists() {
-        fs::remove_dir_all(to).map_err(|error| format!("{}: {error}", to.display()))?;
-    }
-    copy(from, to).map_err(|error| format!("{}: {error}", to.display()))?;
+    remove(to)?;
+    copy(from, to).map_err(at(to))?;
     eprintln!("copied to {}", to.display());
     Ok(())
 }
@@ -223,7 +214,7 @@ impl Driver {
 
 /// Installs the packages that a folder's `package-lock.json` names into another folder.
 fn install_packages_of_npm(from: &Path, to: &Path) -> Result<(), String> {
-    fs::create_dir_all(to).map_err(|error| format!("{}: {error}", to.display()))?;
+    fs::create_dir_all(to).map_err(at(to))?;
     for file in ["package.json", "package-lock.json"] {
         fs::copy(from.join(file), to.join(file)).map_err(|error| format!("{file}: {error}"))?;
     }
@@ -240,11 +231,6 @@ fn test(target: &Path, install: bool) -> Result<(), String> {
     let mut node = Command::new("node");
     node.arg(tests.join("page.mjs")).arg(browser).args([&page, &gs, &place]).env("GS_PAGE", &page);
     step(&mut node)
-}
-
-fn has_program(name: &str) -> bool {
-    let run = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
-    run.is_ok_and(|status| status.success())
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::output;
+use crate::system::{at, output};
 
 /// The programs that are needed.
 pub(super) const PROGRAMS: [&str; 6] = ["munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol"];
@@ -29,7 +29,7 @@ impl Slurm {
     /// Starts the cluster. Its files are in `place`.
     pub(super) fn start(place: &Path) -> Result<Self, String> {
         let slurm = Self { place: place.to_owned(), config: place.join("slurm.conf") };
-        slurm.write_files().map_err(|error| format!("{}: {error}", place.display()))?;
+        slurm.write_files().map_err(at(place))?;
         slurm.start_munge()?;
         // The daemons go into the background by themselves.
         for daemon in ["slurmctld", "slurmd"] {

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{NOTICES, Papers, System, VERSION, copy, debian, empty, source, staging, tools::Tools};
-use crate::web::copy_folder;
+use super::{NOTICES, Papers, System, VERSION, copy, debian, empty, staging, tools::Tools};
+use crate::{system::workspace, web::copy_folder};
 
 /// What all archives hold, besides files of the workspace.
 #[derive(Debug)]
@@ -33,7 +33,7 @@ pub(super) fn pack(
     empty(&tree)?;
     let documents = if system.is_windows() { tree.clone() } else { tree.join("share/doc/gs") };
     for name in DOCUMENTS {
-        copy(&source(name), &documents.join(name))?;
+        copy(&workspace().join(name), &documents.join(name))?;
     }
     if system.is_windows() {
         windows(contents, &tree)?

@@ -5,8 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{NOTICES, Papers, SYSTEMS, System, VERSION, copy, empty, source, tools::Tools};
-use crate::system::{step, target};
+use super::{NOTICES, Papers, SYSTEMS, System, VERSION, copy, empty, tools::Tools};
+use crate::system::{step, target, workspace};
 
 /// The profile of Cargo.toml.
 pub(crate) const PROFILE: &str = "shipped";
@@ -61,7 +61,7 @@ pub(super) fn wheel(tools: &Tools, system: &System, built: &Built, papers: &Pape
     let info = tree.join(format!("gaussian_splats-{VERSION}.dist-info"));
     let licenses = info.join("licenses");
     for file in ["LICENSE-APACHE", "LICENSE-MIT"] {
-        copy(&source(file), &licenses.join(file))?;
+        copy(&workspace().join(file), &licenses.join(file))?;
     }
     copy(&papers.notices, &licenses.join(NOTICES))?;
     // The place that PEP 770 gives it.

@@ -1,13 +1,12 @@
 //! The Debian package of an archive's tree.
 
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Stdio},
-};
+use std::{fs, path::Path};
 
 use super::{VERSION, archive, copy, empty, tools::Tools};
-use crate::web::copy_folder;
+use crate::{
+    system::{at, has_program},
+    web::copy_folder,
+};
 
 /// The package and its command. Debian's `gs` is Ghostscript, so the names of the tree are not free.
 pub(super) const NAME: &str = "gaussian-splats";
@@ -23,7 +22,7 @@ const COPYRIGHT: &str = concat!(
 /// Packs a tree of `bin` and `share` as a package, where dpkg-deb is.
 pub(super) fn pack(tools: &Tools, architecture: &str, tree: &Path, manual: &Path, out: &Path) -> Result<(), String> {
     let file = format!("{NAME}_{VERSION}_{architecture}.deb");
-    if Command::new("dpkg-deb").arg("--version").stdout(Stdio::null()).status().is_err() {
+    if !has_program("dpkg-deb") {
         eprintln!("skipped: {file}: there is no dpkg-deb");
         return Ok(());
     }
@@ -35,12 +34,12 @@ pub(super) fn pack(tools: &Tools, architecture: &str, tree: &Path, manual: &Path
     let documents = share.join("doc").join(NAME);
     copy_folder(&tree.join("share/doc/gs"), &documents)?;
     archive::shells(manual, NAME, &share)?;
-    let failed = |error: std::io::Error| format!("{}: {error}", root.display());
-    fs::write(documents.join("copyright"), COPYRIGHT).map_err(failed)?;
-    fs::create_dir_all(root.join("usr/bin")).map_err(failed)?;
-    link(&format!("../lib/{NAME}/bin/gs"), &root.join("usr/bin").join(NAME)).map_err(failed)?;
-    fs::create_dir_all(root.join("DEBIAN")).map_err(failed)?;
-    fs::write(root.join("DEBIAN/control"), control(architecture)).map_err(failed)?;
+    let failed = at(&root);
+    fs::write(documents.join("copyright"), COPYRIGHT).map_err(&failed)?;
+    fs::create_dir_all(root.join("usr/bin")).map_err(&failed)?;
+    link(&format!("../lib/{NAME}/bin/gs"), &root.join("usr/bin").join(NAME)).map_err(&failed)?;
+    fs::create_dir_all(root.join("DEBIAN")).map_err(&failed)?;
+    fs::write(root.join("DEBIAN/control"), control(architecture)).map_err(&failed)?;
     tools.script("pack.py", [&root, &out.join(file)])
 }
 

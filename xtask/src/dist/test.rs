@@ -13,12 +13,11 @@ mod windows;
 use std::{
     env,
     path::{Path, PathBuf},
-    process::Command,
     time::Instant,
 };
 
 use super::{VERSION, empty, tools::Tools};
-use crate::system::{install_packages, target, workspace};
+use crate::system::{has_program, install_packages, output, target, workspace};
 
 /// What the parts of the test share.
 #[derive(Debug)]
@@ -119,23 +118,10 @@ impl Bench<'_> {
 
     /// Whether a program is there, after its packages of Debian were installed if that was asked for.
     fn has(&self, program: &str, packages: &[&str]) -> Result<bool, String> {
-        let found = || Command::new(program).arg("--version").output().is_ok();
-        if !found() && self.install {
+        if !has_program(program) && self.install {
             install_packages(packages)?;
         }
-        Ok(found())
-    }
-}
-
-/// What a command prints to both streams, or else an error with it.
-fn output(command: &mut Command) -> Result<String, String> {
-    let line = program::line(command);
-    eprintln!("== {line}");
-    let output = command.output().map_err(|error| format!("{line}: could not be started: {error}"))?;
-    let [results, errors] = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
-    match output.status.success() {
-        true => Ok(results + &errors),
-        false => Err(format!("{line}: {}: {}", output.status, if errors.is_empty() { results } else { errors })),
+        Ok(has_program(program))
     }
 }
 

@@ -10,7 +10,7 @@ use std::{
 
 use crate::{
     python,
-    system::{self, cargo_program, step, target, workspace},
+    system::{self, cargo_program, output, step, target, workspace},
     web,
 };
 
@@ -37,16 +37,14 @@ impl Tools {
         let python = python::with_environments(11, install)?
             .ok_or("there is no Python 3.11 or later with the module venv: Debian 12 and Ubuntu 24.04 have one")?;
         let tools = Self { folder: target().join("dist-tools"), epoch: epoch()? };
-        step(Command::new(python).args(["-m", "venv"]).arg(tools.folder.join("python")))?;
-        let mut pip = tools.command("python");
-        pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "2"]);
-        step(pip.args(["--require-hashes", "--requirement", PACKAGES]))?;
+        let mut pip = python::environment(python, &tools.folder.join("python"))?;
+        step(pip.args(["--require-hashes", "--requirement"]).arg(workspace().join(PACKAGES)))?;
         Ok(tools)
     }
 
     /// The folder of the environment's programs.
-    fn programs(&self) -> PathBuf {
-        self.folder.join("python").join(if cfg!(windows) { "Scripts" } else { "bin" })
+    pub(crate) fn programs(&self) -> PathBuf {
+        python::programs(&self.folder.join("python"))
     }
 
     /// A program of the environment, to be run in the workspace, whose results do not depend on the time or on
@@ -84,8 +82,7 @@ fn epoch() -> Result<String, String> {
     if let Ok(epoch) = env::var("SOURCE_DATE_EPOCH") {
         return Ok(epoch);
     }
-    let git = Command::new("git").args(["log", "-1", "--format=%ct"]).current_dir(workspace()).output();
-    let output = git.ok().filter(|output| output.status.success());
-    let output = output.ok_or("there is no commit here whose time could be taken: set SOURCE_DATE_EPOCH")?;
-    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    let time = output(Command::new("git").args(["log", "-1", "--format=%ct"]).current_dir(workspace()));
+    let time = time.map_err(|error| format!("no commit's time can be taken, so set SOURCE_DATE_EPOCH: {error}"))?;
+    Ok(time.trim().to_owned())
 }

@@ -6,8 +6,8 @@ use std::{
     process::Command,
 };
 
-use super::{Driver, RUSTFLAGS, compile, has_program, install_packages_of_npm, tool};
-use crate::system::{step, target, workspace};
+use super::{Driver, RUSTFLAGS, compile, install_packages_of_npm, tool};
+use crate::system::{at, entries, has_program, remove, step, target, workspace};
 
 /// The features of gs-web of which each file of WebAssembly is made, and the names of their bindings.
 const PARTS: [(&str, &str); 2] = [("viewer", "gs_viewer"), ("picture", "gs_picture")];
@@ -27,9 +27,7 @@ pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), Str
     let (target, sources) = (target(), workspace().join("gs-web/package"));
     let (tools, tree) = (package_folder(), package_folder().join("tree"));
     install_packages_of_npm(&sources.join("tools"), &tools)?;
-    if tree.exists() {
-        fs::remove_dir_all(&tree).map_err(|error| format!("{}: {error}", tree.display()))?;
-    }
+    remove(&tree)?;
     for (feature, name) in PARTS {
         let features = ["--no-default-features", "--features", feature];
         let wasm = compile(&target, "npm", RUSTFLAGS, |build| build.args(features))?;
@@ -41,7 +39,7 @@ pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), Str
         // They describe the bindings, which are no part of the package's interface.
         for ending in [".d.ts", "_bg.wasm.d.ts"] {
             let file = tree.join(format!("{name}{ending}"));
-            fs::remove_file(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+            fs::remove_file(&file).map_err(at(&file))?;
         }
     }
     copy_files(&sources, &tree, |_| true)?;
@@ -49,8 +47,8 @@ pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), Str
     copy_files(&workspace(), &tree, |name| name.starts_with("LICENSE-"))?;
     check_version(&tree)?;
     complete(&tree)?;
-    fs::create_dir_all(out).map_err(|error| format!("{}: {error}", out.display()))?;
-    let out = out.canonicalize().map_err(|error| format!("{}: {error}", out.display()))?;
+    fs::create_dir_all(out).map_err(at(out))?;
+    let out = out.canonicalize().map_err(at(out))?;
     step(Command::new("npm").args(["pack", "--silent", "--pack-destination"]).arg(&out).current_dir(&tree))?;
     let archive = archive(&out);
     eprintln!("built {}", archive.display());
@@ -85,19 +83,17 @@ pub(crate) fn archive(folder: &Path) -> PathBuf {
 /// The package has the version of the workspace.
 fn check_version(tree: &Path) -> Result<(), String> {
     let file = tree.join("package.json");
-    let text = fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    let text = fs::read_to_string(&file).map_err(at(&file))?;
     let version = concat!("\"version\": \"", env!("CARGO_PKG_VERSION"), "\"");
     if text.contains(version) { Ok(()) } else { Err(format!("gs-web/package/package.json must have {version}")) }
 }
 
 /// Copies those files of a folder, but not its folders, whose names are wanted.
 fn copy_files(from: &Path, to: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<(), String> {
-    let failed = |error| format!("{}: {error}", from.display());
-    for entry in fs::read_dir(from).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
+    for path in entries(from)? {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if path.is_file() && is_wanted(&name) {
-            fs::copy(&path, to.join(&name)).map_err(failed)?;
+            fs::copy(&path, to.join(&name)).map_err(at(&path))?;
         }
     }
     Ok(())

@@ -3,12 +3,12 @@
 use std::{path::PathBuf, process::Command};
 
 use super::{
-    Bench, Outcome, expect, output,
+    Bench, Outcome, expect,
     program::{ON_ARM, Program, equal},
 };
 use crate::{
     dist::{build::PROFILE, tools::Tools},
-    system::target,
+    system::{output, target},
 };
 
 const TRIPLE: &str = "aarch64-unknown-linux-gnu";

@@ -1,9 +1,9 @@
 //! A bare Debian, with neither Rust nor a C compiler, in which the archive is unpacked and the package installed.
 
-use std::{path::Path, process::Command, time::Instant};
+use std::{path::Path, time::Instant};
 
-use super::{Bench, Outcome, VERSION, expect, output};
-use crate::system::{is_root, target};
+use super::{Bench, Outcome, VERSION, expect};
+use crate::system::{output, root, target};
 
 /// The longest time from the archive to a picture, seconds.
 const LIMIT: f64 = 20.0;
@@ -13,7 +13,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
         return Ok(Outcome::Skipped("it needs x86-64 Linux".to_owned()));
     }
     if output(&mut root("true")).is_err() {
-        return Ok(Outcome::Skipped("it needs root, or sudo without a password".to_owned()));
+        return Ok(Outcome::Skipped("it needs root, or sudo".to_owned()));
     }
     if !bench.has("debootstrap", &["debootstrap"])? {
         return Ok(Outcome::Skipped("there is no debootstrap; --install installs it".to_owned()));
@@ -48,16 +48,6 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     Ok(Outcome::Passed(format!(
         "{seconds:.1} s from the archive to a picture of gs fit; the package installs and runs"
     )))
-}
-
-/// A command that runs as root.
-fn root(program: &str) -> Command {
-    if is_root() {
-        return Command::new(program);
-    }
-    let mut command = Command::new("sudo");
-    command.args(["--non-interactive", program]);
-    command
 }
 
 /// Installs the package, uses it, and removes it.

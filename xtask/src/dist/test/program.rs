@@ -7,8 +7,8 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use super::{Bench, expect, output};
-use crate::system::target;
+use super::{Bench, expect};
+use crate::system::{at, line, output, target};
 
 /// A program for some system.
 #[derive(Debug, Clone)]
@@ -129,15 +129,9 @@ impl Running {
     }
 }
 
-/// A command as it would be typed.
-pub(super) fn line(command: &Command) -> String {
-    let words = [command.get_program()].into_iter().chain(command.get_args());
-    words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
-}
-
 /// Whether files have the same bytes, and how many.
 pub(super) fn equal(one: &Path, other: &Path) -> Result<bool, String> {
-    let read = |path: &Path| fs::read(path).map_err(|error| format!("{}: {error}", path.display()));
+    let read = |path: &Path| fs::read(path).map_err(at(path));
     let (one, other) = (read(one)?, read(other)?);
     Ok(!one.is_empty() && one == other)
 }

@@ -3,16 +3,15 @@
 use std::fs;
 
 use super::{Bench, Outcome, expect};
+use crate::system::{at, entries};
 
 /// The endings of files, and the most bytes that one may have.
 const LIMITS: [(&str, u64); 4] = [("gz", 25_000_000), ("zip", 25_000_000), ("deb", 25_000_000), ("whl", 10_000_000)];
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
-    let failed = |error| format!("{}: {error}", bench.release.display());
     let mut seen = Vec::new();
-    for entry in fs::read_dir(bench.release).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let size = fs::metadata(&path).map_err(failed)?.len();
+    for path in entries(bench.release)? {
+        let size = fs::metadata(&path).map_err(at(&path))?.len();
         let limit = LIMITS.iter().find(|(ending, _)| path.extension().is_some_and(|found| found == *ending));
         if let Some((ending, limit)) = limit {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -1,9 +1,12 @@
 //! The wheels: the one for this machine in a fresh environment, and what the others hold.
 
-use std::{fs, path::PathBuf, process::Command};
+use std::process::Command;
 
-use super::{Bench, Outcome, expect, output};
-use crate::system::step;
+use super::{Bench, Outcome, expect};
+use crate::{
+    python,
+    system::{entries, output, step},
+};
 
 /// What a user of the module does first.
 const SCRIPT: &str = "
@@ -17,8 +20,7 @@ print('PSNR', fit.psnr)
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("wheels")?;
-    let files = fs::read_dir(bench.release).map_err(|error| format!("{}: {error}", bench.release.display()))?;
-    let mut wheels: Vec<PathBuf> = files.flatten().map(|entry| entry.path()).collect();
+    let mut wheels = entries(bench.release)?;
     wheels.retain(|path| path.extension().is_some_and(|ending| ending == "whl"));
     expect(wheels.len() == super::super::SYSTEMS.len(), || format!("{} wheels", wheels.len()))?;
     for wheel in &wheels {
@@ -33,10 +35,8 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let Some(wheel) = wheels.iter().find(|wheel| wheel.to_string_lossy().contains(&format!("{tag}.whl"))) else {
         return Ok(Outcome::Skipped("no wheel is for this machine; what each holds is right".to_owned()));
     };
-    step(bench.tools.command("python").args(["-m", "venv"]).arg(&folder))?;
-    let python = folder.join(if cfg!(windows) { "Scripts/python" } else { "bin/python" });
-    step(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]).arg(wheel))?;
-    let seen = output(Command::new(&python).args(["-X", "dev", "-c", SCRIPT]).current_dir(&folder))?;
+    step(python::environment(bench.tools.programs().join("python"), &folder)?.arg(wheel))?;
+    let seen = output(Command::new(python::programs(&folder).join("python")).args(["-X", "dev", "-c", SCRIPT]).current_dir(&folder))?;
     Ok(Outcome::Passed(format!(
         "a fit in a fresh environment, {}; the other wheels are complete, but not run",
         seen.trim()

@@ -3,10 +3,11 @@
 use std::{fs, path::Path};
 
 use super::{Bench, Outcome, expect, program::Program};
+use crate::system::at;
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("windows")?.join("Größe 図");
-    fs::create_dir_all(folder.join("Bilder")).map_err(|error| format!("{}: {error}", folder.display()))?;
+    fs::create_dir_all(folder.join("Bilder")).map_err(at(&folder))?;
     let Some(gs) = Program::windows(bench, &folder)? else {
         return Ok(Outcome::Skipped("there is no Wine; --install installs it".to_owned()));
     };
