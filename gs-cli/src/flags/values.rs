@@ -225,17 +225,6 @@ impl FromStr for ViewName {
     }
 }
 
-/// A parser of positive numbers, also as a fraction such as 1/255.
-pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
-    let number = |text: &str| text.trim().parse::<f64>().ok();
-    let value = match text.split_once('/') {
-        Some((above, below)) => number(above).zip(number(below)).map(|(above, below)| above / below),
-        None => number(text),
-    };
-    let value = value.filter(|value| *value > 0.0 && value.is_finite());
-    value.ok_or_else(|| "write a positive number, or a fraction such as 1/255".to_owned())
-}
-
 /// A parser of times in minutes, above 0.
 pub(crate) fn minutes(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
@@ -275,10 +264,6 @@ mod tests {
         assert_eq!("0,1,0".parse(), Ok(TrainBackground::Solid(Color([0.0, 1.0, 0.0]))));
         assert_eq!("white".parse(), Ok(TrainBackground::Solid(Color([1.0; 3]))));
         assert_eq!("random".parse(), Ok(TrainBackground::Random));
-        assert_eq!((tolerance("1/250"), tolerance("0.004")), (Ok(0.004), Ok(0.004)));
-        for bad in ["1/0", "0", "-1", "x", "nan", "1/"] {
-            assert!(tolerance(bad).is_err(), "{bad}");
-        }
         let view = ViewName { dataset: "C:/dataset".into(), view: "a/b.png".to_owned() };
         assert_eq!("C:/dataset:a/b.png".parse(), Ok(view));
         assert_eq!(axis("-y"), Ok(Vec3::NEG_Y));

@@ -74,11 +74,6 @@ pub(crate) fn answer<D: Display>(json: bool, value: &impl Serialize, text: impl 
     if json { self::json(value) } else { result(text()) }
 }
 
-/// Prints the content of a file to standard output.
-pub(crate) fn file(text: impl Display) -> Result<(), Failure> {
-    write_result(&lines(text))
-}
-
 /// Prints a result as JSON to standard output. Numbers that JSON has no form for (∞, NaN) become
 /// `null`.
 pub(crate) fn json(value: &impl Serialize) -> Result<(), Failure> {

@@ -9,7 +9,6 @@ use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
 
 use super::frontier::Change;
-use crate::study::Machine;
 
 /// A rasterizer with its scene, independent of its type.
 pub(crate) trait Renderer<V> {
@@ -57,8 +56,6 @@ pub(crate) struct Candidate<'a, V> {
     pub(crate) name: String,
     /// The difference from the first candidate of the same backend; `None` for the first.
     pub(crate) change: Option<Change>,
-    /// The flags of `gs` that choose it; `None` where none do.
-    pub(crate) flags: Option<String>,
     /// What renders.
     pub(crate) renderer: Box<dyn Renderer<V> + 'a>,
 }
@@ -69,12 +66,15 @@ impl<V> std::fmt::Debug for Candidate<'_, V> {
     }
 }
 
-/// The candidates of a backend for a scene, the given rasterizer first. On the CPU the others have
-/// another SIMD level or one thread; on a GPU, other kernels that its adapter can run.
+/// The candidates of a backend for a scene, the given rasterizer first. On the CPU the others have another
+/// SIMD level or one thread; on a GPU, other kernels that its adapter can run.
 ///
 /// # Errors
 /// Those of [`Rasterizer::upload`] and of [`CpuRasterizer::new`].
-pub(crate) fn candidates<'a, S>(base: AnyRasterizer, scene: &S) -> Result<Vec<Candidate<'a, S::View>>, Error>
+pub(crate) fn candidates<'a, S>(
+    base: AnyRasterizer,
+    scene: &S,
+) -> Result<Vec<Candidate<'a, S::View>>, Error>
 where
     S: Scene + 'a,
     AnyRasterizer: Optimizer<S>,
@@ -84,46 +84,29 @@ where
         AnyRasterizer::Wgpu(gpu) => other_kernels(gpu),
         _ => Vec::new(),
     };
-    let usual = threads(&base);
+    let on_cpu = matches!(base, AnyRasterizer::Cpu(_));
     let first = Loaded::new(Box::new(base), scene)?;
     let splats = Rc::clone(&first.splats);
-    let on_cpu = usual.is_some();
-    let mut all = vec![candidate(first, None, usual)];
+    let mut all = vec![candidate(first, None)];
     for (axis, value, rasterizer) in others {
         let rasterizer = Box::new(rasterizer);
         let loaded = match on_cpu {
             true => Loaded { rasterizer, splats: Rc::clone(&splats) },
             false => Loaded::new(rasterizer, scene)?,
         };
-        all.push(candidate(loaded, Some(Change { axis: axis.to_owned(), value }), usual));
+        all.push(candidate(loaded, Some(Change { axis: axis.to_owned(), value })));
     }
     Ok(all)
 }
 
-fn candidate<'a, S>(
-    loaded: Loaded<Box<AnyRasterizer>, S>,
-    change: Option<Change>,
-    usual_threads: Option<usize>,
-) -> Candidate<'a, S::View>
+fn candidate<'a, S>(loaded: Loaded<Box<AnyRasterizer>, S>, change: Option<Change>) -> Candidate<'a, S::View>
 where
     S: Scene + 'a,
     AnyRasterizer: Optimizer<S>,
 {
     let rasterizer = &*loaded.rasterizer;
-    let mut machine = Machine::of(rasterizer);
-    if let Some(threads) = threads(rasterizer).filter(|&threads| Some(threads) != usual_threads) {
-        machine.flags.extend(["--threads".to_owned(), threads.to_string()]);
-    }
-    // No flag chooses kernels.
-    let has_flags = change.is_none() || matches!(rasterizer, AnyRasterizer::Cpu(_));
-    let flags = has_flags.then(|| machine.typed_flags());
     let (backend, name) = (rasterizer.name().to_owned(), rasterizer.describe());
-    Candidate { backend, name, change, flags, renderer: Box::new(loaded) }
-}
-
-/// The threads of the CPU backend.
-fn threads(rasterizer: &AnyRasterizer) -> Option<usize> {
-    if let AnyRasterizer::Cpu(cpu) = rasterizer { Some(cpu.threads()) } else { None }
+    Candidate { backend, name, change, renderer: Box::new(loaded) }
 }
 
 /// A setting of a backend, its value, and the rasterizer that has it.

@@ -26,7 +26,7 @@ mod training;
 pub(crate) use self::machine::{Loaded, Renderer};
 pub use self::{
     effects::{EffectPrices, effect_prices},
-    frontier::{Budget, FrontierReport, Search},
+    frontier::{Frontier, Search},
     popping::{PoppingPrices, SlowOrbit, popping_prices},
     reference::Verifiable,
     stages::{StagePrices, stage_prices},

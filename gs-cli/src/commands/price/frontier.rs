@@ -1,5 +1,4 @@
-//! `gs frontier`: what accuracy costs in time for a scene on this machine, and the flags that keep a
-//! budget of either.
+//! `gs frontier`: what accuracy costs in time for a scene on this machine.
 
 use std::path::PathBuf;
 
@@ -7,23 +6,17 @@ use clap::Args;
 use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
 use gs_core::Optimizer;
 use gs_io::Inputs;
-use gs_lab::price::{Budget, FrontierReport, Search, Verifiable};
+use gs_lab::price::{Frontier, Search, Verifiable};
 use serde::Serialize;
 
-use super::{
-    Cameras, Facts, Seen, Subject, SubjectArgs,
-    views::{unseen_cameras, unseen_canvases},
-};
+use super::{Cameras, Facts, Seen, Subject, SubjectArgs};
 use crate::{
     failure::Failure,
     files::{
         output_folder::{self, OutputFolder, OverwriteArgs},
         scene,
     },
-    flags::{
-        backend::BackendArgs,
-        values::{tolerance, whole},
-    },
+    flags::{backend::BackendArgs, values::whole},
     memory,
     terminal::output,
 };
@@ -32,20 +25,14 @@ const AFTER_HELP: &str = "\
 A 3D scene is seen from views of --dataset, or from an orbit around it.
 
 Every setting is measured alone: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
-every SIMD level, one thread; on a GPU every kind of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
+every SIMD level and one thread; on a GPU every kind of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
 two settings: their difference is the noise, and smaller differences are `no difference`. The \
 error is that of the worst channel of any pixel, not clamped, against the 64-bit oracle without \
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
 change.
 
-With --max-error or --max-ms the answer is flags for gs render: the fastest settings that are \
-exact enough, or the most exact that are fast enough, of all measured backends, verified on other \
-views than those of the search. Kernels, which no flag chooses, are left out. Among \
-settings whose times differ by less than the noise, the one with the lowest median is taken, and \
-the answer says so. The answer is printed on standard output, everything else on standard error.
-
-DIR then holds frontier.csv, the table; frontier.json, the same with all times and the answer; and \
-frontier.svg, error against time.";
+DIR then holds frontier.csv, the table; frontier.json, the same with all times; and frontier.svg, \
+error against time. gs render takes the settings by --accuracy and the flags of effects.";
 
 /// The flags of `gs frontier`.
 #[derive(Debug, Clone, Args)]
@@ -58,15 +45,8 @@ pub(crate) struct FrontierArgs {
     output: Option<PathBuf>,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    /// Choose the fastest settings with at most this error at every pixel: a number, or a fraction
-    /// such as 1/255
-    #[arg(long, value_name = "E", value_parser = tolerance, conflicts_with = "max_ms")]
-    max_error: Option<f64>,
-    /// Choose the most exact settings with at most this many milliseconds per view
-    #[arg(long, value_name = "T", value_parser = tolerance)]
-    max_ms: Option<f64>,
     /// Print JSON on standard output, and nothing else there
-    #[arg(long, conflicts_with_all = ["max_error", "max_ms"])]
+    #[arg(long)]
     json: bool,
     /// Seconds for timing; there are at least seven rounds, however long they take
     #[arg(long, value_name = "S", default_value_t = 24, value_parser = whole::<u32>(1..=3600))]
@@ -74,7 +54,7 @@ pub(crate) struct FrontierArgs {
     /// Data set whose views show a 3D scene
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
-    /// Views of a 3D scene for the search, and as many again to verify
+    /// Views of a 3D scene
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole::<u32>(1..=100))]
     views: u32,
     #[command(flatten)]
@@ -84,13 +64,6 @@ pub(crate) struct FrontierArgs {
 /// The files that are written.
 const FILES: [&str; 3] = ["frontier.csv", "frontier.json", "frontier.svg"];
 
-impl FrontierArgs {
-    fn budget(&self) -> Option<Budget> {
-        let error = self.max_error.map(Budget::MaxError);
-        error.or(self.max_ms.map(|most| Budget::MaxSeconds(1e-3 * most)))
-    }
-}
-
 /// What `frontier.json` holds and `--json` prints.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -98,7 +71,7 @@ struct Report<'a> {
     #[serde(flatten)]
     facts: &'a Facts,
     #[serde(flatten)]
-    found: FrontierReport,
+    found: Frontier,
 }
 
 /// Measures, prints and writes.
@@ -107,18 +80,13 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, FILES, inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let cameras = args.dataset.as_deref();
-    let cameras = cameras.map_or(Cameras::Around(2 * args.views), |path| Cameras::Dataset(path, 2 * args.views));
+    let cameras = cameras.map_or(Cameras::Around(args.views), |path| Cameras::Dataset(path, args.views));
     let subject = Subject::load(&args.input, &args.subject, cameras)?;
     subject.check_work("measuring the frontier of", |size| memory::comparing(size, args.views.into()))?;
     let folder = claim.map(OutputFolder::begin).transpose()?;
     match &subject.seen {
-        Seen::TwoD(scene, views) => {
-            measure(args, &subject, scene, (views, &unseen_canvases(views[0])), folder.as_ref())
-        }
-        Seen::ThreeD(scene, cameras, _) => {
-            let (views, unseen) = unseen_cameras(cameras);
-            measure(args, &subject, scene, (&views, &unseen), folder.as_ref())
-        }
+        Seen::TwoD(scene, views) => measure(args, &subject, scene, views, folder.as_ref()),
+        Seen::ThreeD(scene, views, _) => measure(args, &subject, scene, views, folder.as_ref()),
     }
 }
 
@@ -141,12 +109,12 @@ fn backends(flags: &BackendArgs) -> Result<Vec<AnyRasterizer>, Failure> {
     wanted.into_iter().map(open).collect()
 }
 
-/// Measures the scene in views, and verifies the answer on unseen ones.
+/// Measures the scene in views.
 fn measure<S>(
     args: &FrontierArgs,
     Subject { render, facts, .. }: &Subject,
     scene: &S,
-    (views, unseen): (&[S::View], &[S::View]),
+    views: &[S::View],
     folder: Option<&OutputFolder>,
 ) -> Result<(), Failure>
 where
@@ -155,42 +123,20 @@ where
 {
     let what = facts.text();
     let search = Search {
-        scene: (scene, &what),
+        scene,
         backends: backends(&args.subject.seen.backend)?,
         shown: *render,
         views,
-        unseen,
         seconds: f64::from(args.seconds),
-        budget: args.budget(),
     };
-    let mut report = Report { facts, found: search.run(&mut |what| output::note(what))? };
-    let failure = report.found.failure.take();
+    let report = Report { facts, found: search.run(&mut |what| output::note(what))? };
     let found = &report.found;
-    let text = format!("{what}\n\n{found}");
-    match found.answer() {
-        _ if args.json => output::json(&report),
-        None => output::result(text),
-        Some(flags) => {
-            output::note(text);
-            output::file(flags)
-        }
-    }?;
+    output::answer(args.json, &report, || format!("{what}\n\n{found}"))?;
     if let Some(folder) = folder {
         folder.write("frontier.csv", found.csv())?;
         folder.write_json("frontier.json", &report)?;
-        folder.write("frontier.svg", found.figure(&what))?;
+        folder.write("frontier.svg", found.svg(&what))?;
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
-    // The frontier is printed and written even if the budget cannot be kept or verified.
-    failure.map_or(Ok(()), Err)?;
-    match (&found.missed, args.max_error, args.max_ms) {
-        (Some(why), Some(most), _) => Err(missed("--max-error", most, why)),
-        (Some(why), None, Some(most)) => Err(missed("--max-ms", most, why)),
-        _ => Ok(()),
-    }
-}
-
-/// The failure where no settings keep the budget that a flag sets.
-fn missed(flag: &str, most: f64, (why, more): &(String, &'static str)) -> Failure {
-    Failure::failed(format_args!("{flag} {most}: {why}")).hint(format_args!("give a larger {flag}{more}"))
+    Ok(())
 }

@@ -5,7 +5,6 @@ pub(crate) mod effects;
 pub(crate) mod frontier;
 pub(crate) mod popping;
 pub(crate) mod profile;
-mod views;
 
 use std::path::{Path, PathBuf};
 

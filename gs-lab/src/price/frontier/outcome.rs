@@ -1,6 +1,8 @@
 //! The result of a search: the times and errors of all measured settings, as a table and as a figure.
 //! The JSON form is its serialisation.
 
+use std::fmt;
+
 use gs_core::{RenderSettings, counted, profile::Quantiles};
 use serde::Serialize;
 
@@ -44,9 +46,6 @@ pub(crate) struct Measured {
     pub(crate) backend: String,
     /// The machine: "cpu (avx512, 2 threads)".
     pub(crate) machine: String,
-    /// The flags of `gs` that choose it; `None` where none do.
-    #[serde(skip)]
-    pub(crate) flags: Option<String>,
     /// Index of the candidate.
     #[serde(skip)]
     pub(crate) candidate: usize,
@@ -104,10 +103,10 @@ pub(crate) struct BackendNoise {
     pub(crate) noise: Noise,
 }
 
-/// The result of a search.
+/// The result of a search. It is displayed as the table, followed by notes on noise, errors and refused settings.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct Frontier {
+pub struct Frontier {
     /// All measured rows, by backend, quickest first.
     pub(crate) rows: Vec<Measured>,
     /// Settings that were not measured because a backend does not support them.
@@ -127,14 +126,18 @@ pub(crate) struct Frontier {
 type Kind = (&'static str, Dots, fn(&Measured) -> bool);
 
 impl Frontier {
-    /// The noise of a backend; none if it is unknown.
-    pub(super) fn noise_of(&self, backend: &str) -> Noise {
-        let found = self.noise.iter().find(|noise| noise.backend == backend);
-        found.map_or(Noise::NONE, |found| found.noise)
+    /// The table as CSV.
+    pub fn csv(&self) -> String {
+        self.table().csv()
+    }
+
+    /// The figure of error against time, as SVG.
+    pub fn svg(&self, title: &str) -> String {
+        self.figure(title).svg_file()
     }
 
     /// All rows. Those marked with `*` are on the frontier of their backend.
-    pub(super) fn table(&self) -> Table {
+    fn table(&self) -> Table {
         let columns = [
             "",
             "backend",
@@ -170,32 +173,9 @@ impl Frontier {
         Table::new("frontier", "", &columns, self.rows.iter().map(row).collect())
     }
 
-    /// The table, followed by notes on refused settings, noise and errors.
-    pub(super) fn text(&self) -> String {
-        let mut text = self.table().text();
-        for Refused { backend, what, why } in &self.refused {
-            text += &format!("{backend}: {what}: not supported ({why})\n");
-        }
-        for BackendNoise { backend, noise } in &self.noise {
-            text += &format!(
-                "\n{backend}: times that differ by less than {:.1} % count as equal (the default measured again: {:+.1} %)",
-                100.0 * (noise.factor - 1.0),
-                100.0 * (noise.again - 1.0)
-            );
-        }
-        text + &format!(
-            "\n*: on the frontier: no other settings of the backend are both quicker and as exact. x: time divided by the default's. Errors \
-             are maxima over all channels and pixels of {}, against the 64-bit oracle, which computed {} and the worst pixel of each \
-             picture. A rendering within {:.0e} of the oracle locates the worst pixels.",
-            counted(self.views, "view"),
-            counted(self.sampled, "pixel"),
-            self.uncertainty
-        )
-    }
-
     /// A figure of the largest error against time, both logarithmic: the frontier of each backend as a
     /// line, all other settings as points, the default and 3DGS marked.
-    pub(super) fn figure(&self, title: &str) -> Figure {
+    fn figure(&self, title: &str) -> Figure {
         let point = |row: &Measured| {
             let (x, y) = (1e3 * row.median(), row.error.max.max(LEAST_ERROR));
             FigurePoint { x, y, low: y, high: y }
@@ -218,5 +198,31 @@ impl Frontier {
             y: Axis::logarithmic("largest error of a pixel"),
             marks: Marks::Lines(series.filter(|series| !series.points.is_empty()).collect()),
         }
+    }
+}
+
+impl fmt::Display for Frontier {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.table().text())?;
+        for Refused { backend, what, why } in &self.refused {
+            writeln!(f, "{backend}: {what}: not supported ({why})")?;
+        }
+        for BackendNoise { backend, noise } in &self.noise {
+            write!(
+                f,
+                "\n{backend}: times that differ by less than {:.1} % count as equal (the default measured again: {:+.1} %)",
+                100.0 * (noise.factor - 1.0),
+                100.0 * (noise.again - 1.0)
+            )?;
+        }
+        write!(
+            f,
+            "\n*: on the frontier: no other settings of the backend are both quicker and as exact. x: time divided by the default's. Errors \
+             are maxima over all channels and pixels of {}, against the 64-bit oracle, which computed {} and the worst pixel of each \
+             picture. A rendering within {:.0e} of the oracle locates the worst pixels.",
+            counted(self.views, "view"),
+            counted(self.sampled, "pixel"),
+            self.uncertainty
+        )
     }
 }

@@ -3,7 +3,7 @@
 use super::super::noise::Noise;
 
 /// Errors below this are due to rounding and count as equal: a four-hundredth of a display step.
-pub(super) const ROUNDING: f64 = 1e-5;
+const ROUNDING: f64 = 1e-5;
 
 /// An error counts as smaller only below this share of the other.
 const LESS: f64 = 0.98;

@@ -41,11 +41,10 @@ impl<S: Verifiable> Sweep<'_, S> {
 
     /// A row that is not measured yet.
     fn row(&self, candidate: usize, settings: RenderSettings, role: Role, setting: Option<&Setting>) -> Measured {
-        let Candidate { backend, name, change, flags, .. } = &self.candidates[candidate];
+        let Candidate { backend, name, change, .. } = &self.candidates[candidate];
         Measured {
             backend: backend.clone(),
             machine: name.clone(),
-            flags: flags.clone(),
             candidate,
             role,
             change: setting.map(Setting::change).or_else(|| change.clone()),
@@ -96,7 +95,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// The reason why a candidate cannot render these views with these settings, if it cannot.
-    pub(super) fn refusal(
+    fn refusal(
         &self,
         candidate: usize,
         settings: &RenderSettings,
@@ -138,7 +137,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// The error of a candidate's pictures.
-    pub(super) fn error(
+    fn error(
         &self,
         candidate: usize,
         settings: &RenderSettings,
@@ -152,7 +151,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// Seconds per view of each row, measured in turn.
-    pub(super) fn times(&self, rows: &[Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
+    fn times(&self, rows: &[Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
         let candidate = |row: &Measured| {
             let Candidate { renderer, backend, .. } = &self.candidates[row.candidate];
             Timed { renderer: renderer.as_ref(), group: backend, settings: row.settings }

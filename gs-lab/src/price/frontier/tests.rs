@@ -4,12 +4,11 @@ use std::cell::Cell;
 
 use super::{
     super::{Loaded, Renderer, machine::Candidate, noise::TimeComparison},
-    Budget, Change, Frontier, Role, Search, Sweep,
-    budget::Missed,
+    Change, Frontier, Sweep,
+    outcome::{Measured, Role},
     search,
 };
 use glam::{Vec2, Vec3};
-use gs_backend::AnyRasterizer;
 use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, RenderSettings, Scene2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -95,7 +94,6 @@ fn candidate<'a>(backend: &str, value: Option<&str>, renderer: impl Renderer<Can
         backend: backend.to_owned(),
         name: "one thread".to_owned(),
         change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
-        flags: Some(String::new()),
         renderer: Box::new(renderer),
     }
 }
@@ -112,7 +110,7 @@ fn found(blend: Blend) -> Frontier {
     search(&sweep(&scene, blend), &[Canvas::new(64, 48)], SECONDS, &mut |_| ()).unwrap()
 }
 
-fn row<'f>(frontier: &'f Frontier, name: &str) -> &'f super::Measured {
+fn row<'f>(frontier: &'f Frontier, name: &str) -> &'f Measured {
     let row = frontier.rows.iter().find(|row| row.name() == name);
     row.unwrap_or_else(|| panic!("no row {name}"))
 }
@@ -157,7 +155,7 @@ fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
     let steps: Vec<_> = frontier.rows.iter().filter(|row| row.on_frontier).collect();
     assert!(!steps.is_empty());
     for (i, step) in steps.iter().enumerate() {
-        let noise = frontier.noise_of("cpu");
+        let noise = frontier.noise[0].noise;
         for quicker in &steps[..i] {
             let is_quicker = noise.compare(quicker.median(), step.median()) == TimeComparison::Faster;
             assert!(!is_quicker || quicker.error.max.max(1e-5) > step.error.max, "{} {}", quicker.name(), step.name());
@@ -168,82 +166,15 @@ fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
 #[test]
 fn all_forms_of_the_result_have_all_rows() {
     let frontier = found(Blend::Sum);
-    let (csv, text) = (frontier.table().csv(), frontier.text());
+    let (csv, text) = (frontier.csv(), frontier.to_string());
     assert_eq!(csv.lines().count(), 1 + frontier.rows.len());
     for row in &frontier.rows {
         assert!(text.contains(&row.name()), "{}", row.name());
     }
-    let svg = frontier.figure("a scene").svg_file();
+    let svg = frontier.svg("a scene");
     for expected in ["a scene", "cpu: best trade-offs", "cpu: other settings", "cpu: as in 3DGS", "largest error"] {
         assert!(svg.contains(expected), "{expected}");
     }
-}
-
-#[test]
-fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
-    let scene = scene();
-    let sweep = sweep(&scene, Blend::Over);
-    let view = Canvas::new(64, 48);
-    let frontier = search(&sweep, &[view], SECONDS, &mut |_| ()).unwrap();
-    let unseen = [view.resized(40, 30), view.showing(Vec2::new(8.0, 8.0), Vec2::new(32.0, 24.0))];
-    let choose = |budget: Budget| budget.choose(&sweep, &frontier, &unseen, 0.05).unwrap();
-    let Ok(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
-    assert!(choice.verification.error.max <= 2e-3 && choice.verification.views == 2);
-    let row = &frontier.rows[choice.row];
-    let keeps = frontier.rows.iter().filter(|row| row.role != Role::Again && row.error.max <= 2e-3);
-    let quicker = keeps.filter(|other| other.median() < row.median()).count();
-    assert!(row.error.max <= 2e-3 && quicker == choice.failed, "{choice:?}");
-    let Ok(choice) = choose(Budget::MaxSeconds(10.0)) else { panic!("out of reach") };
-    assert!(frontier.rows[choice.row].error.max < 1e-4, "ten seconds are enough for the most exact");
-    let Err(Missed::OutOfReach(best)) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
-    assert!(best > 1e-12 && best < 1e-5);
-    assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Err(Missed::OutOfReach(_))));
-    assert!(Budget::MaxError(2e-3).choose(&sweep, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
-    // Every measured row can be chosen, whether or not it is on the frontier.
-    for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
-        let found = choose(Budget::MaxError(row.error.max));
-        assert!(!matches!(found, Err(Missed::OutOfReach(_))), "{}: {found:?}", row.name());
-    }
-}
-
-/// The view that verifies has no pixels.
-#[test]
-fn a_failed_verification_keeps_the_measured_frontier() {
-    let scene = scene();
-    let report = |budget| {
-        let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| (s.threads, s.level) = (Some(1), None))).unwrap();
-        let search = Search {
-            scene: (&scene, "discs"),
-            backends: vec![AnyRasterizer::Cpu(Box::new(cpu))],
-            shown: RenderSettings::blended(Blend::Over),
-            views: &[Canvas::new(64, 48)],
-            unseen: &[Canvas::new(0, 48)],
-            seconds: 0.1,
-            budget,
-        };
-        search.run(&mut |_| ()).unwrap()
-    };
-    let failed = report(Some(Budget::MaxError(0.1)));
-    let error = failed.failure.as_ref().expect("a picture of no pixels").to_string();
-    assert!(error.contains("0x48") || error.contains("0×48"), "{error}");
-    assert_eq!(serde_json::to_value(&failed).unwrap()["failure"], error);
-    assert!(failed.answer().is_none() && failed.missed.is_none());
-    assert!(failed.csv().contains("no cut-offs") && failed.to_string().contains("alpha cut"), "{failed}");
-    assert!(report(None).failure.is_none(), "without a budget nothing is verified");
-}
-
-#[test]
-fn settings_that_keep_a_budget_on_no_other_view_are_reported_separately() {
-    let scene = scene();
-    let shown = RenderSettings::blended(Blend::Over);
-    let sweep = |off: f32| Sweep {
-        scene: &scene,
-        candidates: vec![candidate("cpu", None, Pretending::new(&scene, 0.0, off))],
-        shown,
-    };
-    let frontier = search(&sweep(0.0), &[Canvas::new(64, 48)], SECONDS, &mut |_| ()).unwrap();
-    let chosen = Budget::MaxError(0.1).choose(&sweep(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
-    assert!(matches!(chosen, Err(Missed::NotElsewhere(count)) if count > 3), "{chosen:?}");
 }
 
 /// Settings that a backend does not support, alone or without cut-offs, are listed, and
@@ -266,7 +197,7 @@ fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
         let refused: Vec<&str> = frontier.refused.iter().map(|refused| refused.what.as_str()).collect();
         assert!(refused.iter().any(|what| what.contains(expected)), "{expected}: {refused:?}");
         assert!(frontier.rows.iter().any(|row| row.backend == "choosy" && row.on_frontier));
-        assert!(frontier.text().contains("not supported"));
+        assert!(frontier.to_string().contains("not supported"));
     }
 }
 
