@@ -213,19 +213,19 @@ fn grouped(command: &clap::Command) -> String {
     GROUPS.iter().map(group).collect::<Vec<_>>().join("\n\n")
 }
 
-/// The flag with the requirement of `--dataset` or of drawing, if it only acts with that.
+/// The flag with the requirement of `--dataset` or `--gaussians`, if it only acts with that.
 fn requires_dataset(arg: clap::Arg) -> clap::Arg {
     let name = arg.get_id().as_str();
     if FOR_DATASET.contains(&name) {
         arg.requires("dataset")
     } else if FOR_DRAWING.contains(&name) {
-        arg.requires("drawn")
+        arg.requires("gaussians")
     } else {
         arg
     }
 }
 
-/// The flags of `gs convert` that only act where it draws: with `--dataset` or `--gaussians`.
+/// The flags of `gs convert` that only act where it draws: with `--gaussians`.
 const FOR_DRAWING: [&str; 4] = ["backend", "adapter", "threads", "simd"];
 
 /// The flags of `gs convert` that only act with `--dataset`.

@@ -1,6 +1,5 @@
 //! `gs convert`: a scene into another format, or a 2D scene into one for viewers, and what is lost.
 
-mod quality;
 mod reduction;
 mod scene2d;
 
@@ -9,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::{ArgGroup, Args};
+use clap::Args;
 use gs_core::{
     Scene, Scene3d, counted,
     examination::{self, Repair},
@@ -20,14 +19,11 @@ use gs_io::{
 };
 use serde::Serialize;
 
-use self::{
-    quality::{Quality, QualityArgs},
-    reduction::Reduction,
-};
+use self::reduction::{Reduction, ReductionArgs};
 use crate::{
     failure::Failure,
     files::{output_folder, scene},
-    flags::values::{by_name, whole},
+    flags::values::by_name,
     terminal::output,
 };
 
@@ -41,7 +37,7 @@ them, with the scene.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = AFTER_HELP, group(ArgGroup::new("drawn").args(["dataset", "gaussians"]).multiple(true)))]
+#[command(after_help = AFTER_HELP)]
 pub(crate) struct ConvertArgs {
     #[arg(help = format!(
         "The scene: {}, recognised by content; a 2D scene (.gs2d.safetensors or .gsi), a checkpoint, or the output \
@@ -58,10 +54,6 @@ pub(crate) struct ConvertArgs {
     /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
     #[arg(long, value_name = "VERSION", value_parser = by_name::<SpzVersion>(), default_value_t)]
     spz_version: SpzVersion,
-    /// Reduce a 3D scene to N Gaussians: those that contribute least to the views of the data set, or
-    /// to a ring of cameras, are merged into neighbours or removed; prints what that costs in dB
-    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
-    gaussians: Option<u32>,
     /// Coordinates of the file: those of the scene, or those of the world of its data set, from which
     /// training may have moved the scene. Far from the world's origin, only PLY (means of 64 bits) and
     /// glTF (a node) hold the latter
@@ -75,7 +67,7 @@ pub(crate) struct ConvertArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    quality: QualityArgs,
+    reduction: ReductionArgs,
 }
 
 /// What `gs convert --json` prints.
@@ -97,8 +89,6 @@ struct Conversion {
     lost: Vec<String>,
     /// How much the numbers have changed.
     rounding: Vec<Rounding>,
-    /// The PSNR before and after, with `--dataset`.
-    cost: Option<Quality>,
 }
 
 #[derive(Debug, Serialize)]
@@ -129,18 +119,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let mut dataset = None;
     if let AnyScene::ThreeD(file) = &scene {
         inputs.extend(file.beside.iter().cloned());
-        dataset = args.quality.dataset(file)?;
+        dataset = args.reduction.dataset(file)?;
     }
     inputs.extend(dataset.iter().flat_map(Dataset::files));
     output_folder::check_file(&args.to, &inputs)?;
     let mut file = match scene {
-        AnyScene::TwoD(_) if args.gaussians.is_some() => {
+        AnyScene::TwoD(_) if args.reduction.gaussians.is_some() => {
             let failure = Failure::usage("--gaussians is for 3D scenes, but this is a 2D scene").at(path.display());
             return Err(failure.hint("gs fit -n N fits the image with fewer"));
-        }
-        AnyScene::TwoD(_) if args.quality.dataset.is_some() => {
-            let failure = Failure::usage("--dataset is for 3D scenes, but this is a 2D scene").at(path.display());
-            return Err(failure.hint("leave it out"));
         }
         AnyScene::TwoD(file) => return scene2d::run(args, &path, *file, has_alpha),
         AnyScene::ThreeD(file) => *file,
@@ -161,12 +147,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             return Err(Failure::failed(message).at(args.to.display()));
         }
     }
-    file.trained_with = args.quality.render.trained_with(file.trained_with);
-    let before = (args.gaussians.is_some() && dataset.is_some()).then(|| file.clone());
-    let reduction = match args.gaussians {
-        Some(count) => Some(reduction::reduce(&mut file, count, dataset.as_ref(), &args.quality)?),
-        None => None,
-    };
+    file.trained_with = args.reduction.render.trained_with(file.trained_with);
+    let reduction = args.reduction.reduce(&mut file, dataset.as_ref())?;
     let options = options(args, file.trained_with);
     let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree));
     beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
@@ -177,10 +159,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     })?;
     // A streamed SOG is for scenes of which memory may not hold a second copy.
     let is_compared = written.format != Format3d::StreamedSog;
-    let mut after = match is_compared || dataset.is_some() {
-        true => Some(gs_io::read_3d(&args.to).map_err(Failure::of_scene)?),
-        false => None,
-    };
+    let mut after = is_compared.then(|| gs_io::read_3d(&args.to)).transpose().map_err(Failure::of_scene)?;
     // A format without a frame was read in the coordinates of the world.
     if let Some(after) = after.as_mut().filter(|_| args.frame == Coordinates::World) {
         after.move_to(options.trained_with.frame);
@@ -200,15 +179,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         beyond_format,
         reduction,
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-        rounding: after
-            .iter()
-            .filter(|_| is_compared)
-            .flat_map(|after| Rounding::between(before_rounding, &after.scene))
-            .collect(),
-        cost: match dataset.zip(after) {
-            Some((dataset, after)) => Some(args.quality.measure(&dataset, before.as_ref().unwrap_or(&file), &after)?),
-            None => None,
-        },
+        rounding: after.iter().flat_map(|after| Rounding::between(before_rounding, &after.scene)).collect(),
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }
@@ -251,7 +222,6 @@ fn text(conversion: &Conversion) -> String {
         reduction,
         lost,
         rounding,
-        cost,
     } = conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
@@ -271,6 +241,5 @@ fn text(conversion: &Conversion) -> String {
     }
     lost.iter().for_each(|loss| _ = write!(text, "\nlost        {loss}"));
     rounding.iter().for_each(|rounding| _ = write!(text, "\nmoved       {rounding}"));
-    cost.iter().for_each(|cost| _ = write!(text, "\nquality     {cost}"));
     text
 }

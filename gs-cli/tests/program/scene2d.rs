@@ -155,8 +155,8 @@ fn a_2d_scene_is_judged_by_an_image() {
     assert!(refused.refusal().contains("48x32 px") && refused.refusal().contains("32x48 px"), "{refused:?}");
     let (dataset, _) = dataset_and_scene(place.path());
     let ply = place.path().join("a.ply");
-    let refused = gs(["convert", text(&scene), text(&ply), "--dataset", text(&dataset)]);
-    assert!(refused.status == Some(2) && refused.refusal().contains("--dataset is for 3D scenes"), "{refused:?}");
+    let refused = gs(["convert", text(&scene), text(&ply), "-n", "9", "--dataset", text(&dataset)]);
+    assert!(refused.status == Some(2) && refused.refusal().contains("--gaussians is for 3D scenes"), "{refused:?}");
     let equal = gs(["eval", text(&image), text(&image)]).done().stdout;
     assert!(equal.contains("PSNR     inf dB (the images are equal)"), "{equal}");
     assert_eq!(gs(["eval", text(&image), text(&image), "--json"]).json()["psnr"], Value::Null);

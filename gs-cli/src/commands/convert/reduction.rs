@@ -1,17 +1,23 @@
 //! `gs convert --gaussians`: fewer Gaussians, and what that costs.
 
-use std::fmt;
+use std::{fmt, path::PathBuf};
 
+use clap::Args;
 use gs_backend::FutureExt as _;
 use gs_core::{Camera, Rasterizer as _, Scene as _, counted, metrics::l1_and_psnr, view::Orbit};
 use gs_io::{File3d, dataset::Dataset};
 use gs_train::limits;
 use serde::Serialize;
 
-use super::quality::QualityArgs;
 use crate::{
     failure::Failure,
-    flags::{cameras::Home, values::Size},
+    flags::{
+        backend::BackendArgs,
+        cameras::Home,
+        dataset::DatasetArgs,
+        render_args::RenderArgs3d,
+        values::{Size, whole},
+    },
 };
 
 /// Cameras of the ring around a scene without a data set.
@@ -19,6 +25,24 @@ const RING: u32 = 16;
 
 /// Size of their images.
 const RING_SIZE: Size = Size { width: 640, height: 480 };
+
+/// The flags for reducing a scene. Except for order and antialiasing, they need `--gaussians`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct ReductionArgs {
+    /// Reduce a 3D scene to N Gaussians: those that contribute least to the views of the data set, or
+    /// to a ring of cameras, are merged into neighbours or removed; prints what that costs in dB
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
+    pub(super) gaussians: Option<u32>,
+    /// Data set whose views --gaussians looks at
+    #[arg(long, value_name = "DATASET", requires = "gaussians")]
+    dataset: Option<PathBuf>,
+    #[command(flatten)]
+    images: DatasetArgs,
+    #[command(flatten)]
+    pub(super) render: RenderArgs3d,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
 
 /// What was merged and removed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -40,13 +64,15 @@ impl Reduction {
     }
 }
 
-/// Reduces a scene.
-pub(super) fn reduce(
-    file: &mut File3d,
-    count: u32,
-    dataset: Option<&Dataset>,
-    args: &QualityArgs,
-) -> Result<Reduction, Failure> {
+impl ReductionArgs {
+    /// Reads the data set, if there is one, in the frame of the scene.
+    pub(super) fn dataset(&self, scene: &File3d) -> Result<Option<Dataset>, Failure> {
+        self.dataset.as_deref().map(|path| self.images.read_for(scene, path)).transpose()
+    }
+
+    /// Reduces a scene, if that is asked for.
+    pub(super) fn reduce(&self, file: &mut File3d, dataset: Option<&Dataset>) -> Result<Option<Reduction>, Failure> {
+    let Some(count) = self.gaussians else { return Ok(None) };
     let cameras: Vec<Camera> = match dataset {
         Some(dataset) => dataset.views.iter().map(|view| view.camera).collect(),
         None => {
@@ -54,8 +80,8 @@ pub(super) fn reduce(
             Orbit { center: target, axis: up, frames: RING }.cameras(&camera)
         }
     };
-    let rasterizer = args.open()?;
-    let render = args.render.settings(file, dataset);
+    let rasterizer = self.backend.open()?.rasterizer;
+    let render = self.render.settings(file, dataset);
     let reduced = limits::reduce(&rasterizer, &file.scene, &cameras, &render, count as usize).block_on()?;
     let mut psnr = 0.0;
     for camera in &cameras {
@@ -66,7 +92,8 @@ pub(super) fn reduce(
     let from = file.scene.len();
     file.scene = reduced.scene;
     let (merged, removed) = (reduced.merged, reduced.removed);
-    Ok(Reduction { from, to: file.scene.len(), merged, removed, cameras: cameras.len(), psnr_against_before: psnr })
+    Ok(Some(Reduction { from, to: file.scene.len(), merged, removed, cameras: cameras.len(), psnr_against_before: psnr }))
+    }
 }
 
 impl fmt::Display for Reduction {
