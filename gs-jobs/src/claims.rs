@@ -21,6 +21,7 @@
 
 use std::{
     collections::HashSet,
+    fmt,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant, SystemTime},
 };
@@ -28,7 +29,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    files::{self, JobFile, RUNS},
+    files::{self, JobFile, Listing, RUNS},
     store::{JobStore, Locked, OwnFile},
     system,
 };
@@ -48,13 +49,13 @@ const RELEASED: &[u8] = b"released\n";
 /// What a claim says about itself, for other processes and for people.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct ClaimNote {
+pub(crate) struct ClaimNote {
     /// The process that computes, in words: its machine, its number and its job.
-    pub worker: String,
+    pub(crate) worker: String,
     /// The job, in words.
-    pub job: String,
+    pub(crate) job: String,
     /// Time after which the claim expires unless it is rewritten, s.
-    pub lease: f64,
+    pub(crate) lease: f64,
     /// The running system and its file system. Where it is that of the reader, locks on the claim
     /// can be trusted.
     system: String,
@@ -63,6 +64,25 @@ pub struct ClaimNote {
     /// A word that no other claim has.
     #[serde(default)]
     token: String,
+}
+
+/// A process that has claimed a job. It is displayed in words.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Holder {
+    /// The process; `None` where its claim cannot be read.
+    pub worker: Option<String>,
+    /// Time since its last sign of life, by the file server's clock; `None` if it is dead.
+    pub age: Option<Duration>,
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.worker.as_deref().unwrap_or("a process that has just begun"))?;
+        match self.age {
+            Some(age) => write!(f, ": last sign of life {:.0} s ago", age.as_secs_f64()),
+            None => f.write_str(": died"),
+        }
+    }
 }
 
 /// The claims in a store, made by one process.
@@ -107,7 +127,7 @@ pub(crate) enum Attempt<'a> {
 
 /// The state of a claim.
 #[derive(Debug, Clone, PartialEq)]
-pub enum State {
+pub(crate) enum State {
     /// Its owner computes. The age is the time since its last sign of life.
     Live {
         /// What the claim says; `None` before its owner has written it.
@@ -179,7 +199,7 @@ impl Claims {
     ///
     /// # Errors
     /// [`Error::Write`] where the store's time cannot be read.
-    pub fn state(&self, name: &str) -> Result<State, Error> {
+    pub(crate) fn state(&self, name: &str) -> Result<State, Error> {
         let Some(seen) = self.store.look(name) else { return Ok(State::Gone) };
         if seen.content.starts_with(RELEASED) {
             return Ok(State::Released);
@@ -195,6 +215,25 @@ impl Claims {
         let Some(written) = seen.written else { return Ok(State::Live { note, age: Duration::ZERO }) };
         let age = self.now()?.duration_since(written).unwrap_or_default();
         Ok(if age > lease { State::Expired { note } } else { State::Live { note, age } })
+    }
+
+    /// Who is doing each of these jobs; `None` for jobs that have ended, that were given up, and that nobody has claimed.
+    ///
+    /// # Errors
+    /// [`Error::Path`] where the folder cannot be read, [`Error::Write`] where the store's time cannot be read.
+    pub fn holders<'j>(&self, addresses: impl IntoIterator<Item = &'j str>) -> Result<Vec<Option<Holder>>, Error> {
+        let listing = Listing::of(&self.store)?;
+        let holder = |address: &str| {
+            let claimed = listing.claimed.get(address).filter(|_| !listing.ended.contains(address));
+            let Some(generation) = claimed else { return Ok(None) };
+            let (note, age) = match self.state(&files::claim(address, *generation))? {
+                State::Live { note, age } => (note, Some(age)),
+                State::Expired { note } => (note, None),
+                State::Released | State::Gone => return Ok(None),
+            };
+            Ok(Some(Holder { worker: note.map(|note| note.worker), age }))
+        };
+        addresses.into_iter().map(holder).collect()
     }
 
     /// Whether a file was last written longer ago than a lease, by the store's clock.

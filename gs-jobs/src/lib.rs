@@ -12,7 +12,7 @@ mod system;
 mod work;
 
 pub use self::{
-    claims::{Claim, ClaimNote, Claims, State},
+    claims::{Claim, Claims, Holder},
     error::Error,
     files::Listing,
     queue::{Overseer, Queue},

@@ -1,4 +1,4 @@
-//! What commands that share jobs with other processes have in common: flags of workers, and Slurm.
+//! What commands that share jobs with other processes have in common: flags of workers, their log, and Slurm.
 
 use std::{
     collections::BTreeMap,
@@ -6,6 +6,7 @@ use std::{
     io::ErrorKind,
     path::{Path, PathBuf},
     process::Command,
+    sync::atomic::{AtomicUsize, Ordering},
     time::Duration,
 };
 
@@ -13,12 +14,17 @@ use clap::Args;
 use gs_core::counted;
 use gs_io::FolderClaim;
 use gs_jobs::{AtEnd, Shard, WorkSettings, slurm};
+use gs_lab::run::{Conducted, Job, Watcher};
 
 use super::values::whole;
 use crate::{
     failure::Failure,
     files::output_folder::OutputFolder,
-    terminal::output::{self, quoted},
+    terminal::{
+        interrupt::{AT_NEXT_STEP, Interrupt},
+        output::{self, quoted},
+        progress_bar::Printer,
+    },
 };
 
 /// The script in the folder of the jobs.
@@ -57,6 +63,63 @@ fn shard(text: &str) -> Result<Shard, String> {
         Some((index, count)) if index < count => Ok(Shard { index, count }),
         Some((index, count)) => Err(format!("parts are counted from 0: {index} is not less than {count}")),
         None => Err("write it as I/N, such as 0/4".to_owned()),
+    }
+}
+
+/// Prints a line for each job that this process does, as for the log of a task.
+pub(crate) struct WorkLog<'a, J> {
+    /// A job, in words.
+    name: &'a (dyn Fn(&J) -> String + Sync),
+    interrupt: Interrupt,
+    done: AtomicUsize,
+}
+
+impl<'a, J: Job> WorkLog<'a, J> {
+    /// Begins to listen to signals.
+    pub(crate) fn begin(name: &'a (dyn Fn(&J) -> String + Sync)) -> Self {
+        Self { name, interrupt: Interrupt::listen(Printer::above(None), AT_NEXT_STEP), done: AtomicUsize::new(0) }
+    }
+
+    /// Says how the work in a folder has ended. A `job` is done by `gs COMMAND work`; `then` is what follows the last.
+    pub(crate) fn end(
+        self,
+        conducted: Conducted,
+        [job, command, then]: [&str; 3],
+        folder: &Path,
+    ) -> Result<(), Failure> {
+        let (done, folder) = (counted(self.done.into_inner(), job), quoted(folder));
+        match conducted {
+            Conducted::Stopped => {
+                Err(Failure::interrupted(format_args!("stopped after {done}; to go on: gs {command} work {folder}")))
+            }
+            Conducted::Whole => output::result(format_args!("{done} done, none is left; {then} {folder}")),
+            _ => output::result(format_args!(
+                "{done} done, the others are with other processes; see gs {command} status {folder}"
+            )),
+        }
+    }
+}
+
+impl<J: Job> Watcher<J> for WorkLog<'_, J> {
+    fn begun(&self, job: &J) {
+        output::note(format_args!("note: {} begins", (self.name)(job)));
+    }
+
+    fn resumed(&self, job: &J, step: u32) {
+        output::note(format_args!("note: {} goes on from its checkpoint at step {step}", (self.name)(job)));
+    }
+
+    fn warned(&self, job: &J, message: &str) {
+        output::note(format_args!("note: {}: {message}", (self.name)(job)));
+    }
+
+    fn ended(&self, job: &J, outcome: &J::Outcome) {
+        self.done.fetch_add(1, Ordering::Relaxed);
+        output::note(format_args!("{}: {outcome}", (self.name)(job)));
+    }
+
+    fn wants_stop(&self) -> bool {
+        self.interrupt.requested()
     }
 }
 

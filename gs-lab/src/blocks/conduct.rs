@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use gs_backend::FutureExt as _;
 use gs_core::{Error as CoreError, Optimizer, Scene3d};
-use gs_jobs::{Overseer, Queue, WorkSettings};
+use gs_jobs::{Queue, WorkSettings};
 use gs_train::{
     Error as TrainError, Trainer3d,
     blocks::{begin, block_views},
@@ -14,63 +14,8 @@ use gs_train::{
 use super::folder::{BlockOutcome, BlocksFolder};
 use crate::{
     error::Error,
-    run::{Conducted, Conductor, Interruptions, JobCheckpoints, panic_message, remove_checkpoint},
+    run::{Conducted, Interruptions, JobCheckpoints, Watcher, panic_message, remove_checkpoint},
 };
-
-/// Watches the blocks that a process does, by their numbers from 0. `()` ignores everything.
-pub trait BlocksWatcher {
-    /// A block has begun.
-    fn begun(&self, block: usize) {
-        let _ = block;
-    }
-
-    /// A block that has begun goes on from a checkpoint after this many steps.
-    fn resumed(&self, block: usize, step: u32) {
-        let _ = (block, step);
-    }
-
-    /// Something went wrong that costs time but changes no result.
-    fn warned(&self, block: usize, message: &str) {
-        let _ = (block, message);
-    }
-
-    /// A block has ended, and its outcome is stored.
-    fn ended(&self, block: usize, outcome: &BlockOutcome) {
-        let _ = (block, outcome);
-    }
-
-    /// Whether to stop. The block in progress is given back, with a checkpoint.
-    fn wants_stop(&self) -> bool {
-        false
-    }
-}
-
-impl BlocksWatcher for () {}
-
-struct OfBlock<'a> {
-    block: usize,
-    watcher: &'a dyn BlocksWatcher,
-}
-
-impl Conductor for OfBlock<'_> {
-    fn wants_stop(&self) -> bool {
-        self.watcher.wants_stop()
-    }
-
-    fn warned(&self, message: &str) {
-        self.watcher.warned(self.block, message);
-    }
-
-    fn resumed(&self, step: u32) {
-        self.watcher.resumed(self.block, step);
-    }
-}
-
-impl Overseer for OfBlock<'_> {
-    fn wants_stop(&self) -> bool {
-        self.watcher.wants_stop()
-    }
-}
 
 /// Does all blocks of a folder that have no record, one after the other. `views` are those of the data set, at the
 /// size for the blocks. Other processes may work in the same folder: each block is done by one of them.
@@ -87,15 +32,14 @@ pub fn conduct<R: Optimizer<Scene3d>>(
     on: &R,
     views: &Views,
     settings: &WorkSettings,
-    watcher: &dyn BlocksWatcher,
+    watcher: &dyn Watcher<usize>,
 ) -> Result<Conducted, Error> {
     settings.validate()?;
     let addresses = folder.addresses().iter().map(String::as_str).collect();
     let queue = Queue::new(addresses, folder.store().clone(), settings);
-    let overseer = OfBlock { block: 0, watcher };
     queue.keep_alive(|| {
-        while let Some((block, claim)) = queue.next(|block| format!("block {}", block + 1), &overseer)? {
-            watcher.begun(block);
+        while let Some((block, claim)) = queue.next(|block| format!("block {}", block + 1), &watcher)? {
+            watcher.begun(&block);
             // A claim that is dropped leaves the block to others.
             let outcome = match train(folder, block, on, views, (settings, watcher)) {
                 Ok(Some(trained)) => folder.store_result(block, trained.steps, trained.seconds, trained.scene)?,
@@ -105,15 +49,11 @@ pub fn conduct<R: Optimizer<Scene3d>>(
             };
             remove_checkpoint(folder.store(), &folder.addresses()[block]);
             claim.finish();
-            watcher.ended(block, &outcome);
+            watcher.ended(&block, &outcome);
         }
         Ok(())
     })?;
-    Ok(match queue.left()? {
-        0 => Conducted::Whole,
-        _ if watcher.wants_stop() => Conducted::Stopped,
-        _ => Conducted::Left,
-    })
+    Conducted::of(&queue, watcher.wants_stop())
 }
 
 /// A block whose steps are all done.
@@ -149,11 +89,10 @@ fn train<R: Optimizer<Scene3d>>(
     block: usize,
     on: &R,
     all: &Views,
-    (settings, watcher): (&WorkSettings, &dyn BlocksWatcher),
+    (settings, watcher): (&WorkSettings, &dyn Watcher<usize>),
 ) -> Result<Option<Trained>, Failed> {
-    let conductor = OfBlock { block, watcher };
     let checkpoints = JobCheckpoints::new(folder.store(), &folder.addresses()[block], settings.lease);
-    let mut interruptions = Interruptions::new(&conductor, Some(checkpoints));
+    let mut interruptions = Interruptions::new(&block, watcher, Some(checkpoints));
     let trained = catch_unwind(AssertUnwindSafe(|| {
         let views = block_views(folder.plan(), block, all)?;
         let resumed =

@@ -4,15 +4,14 @@
 //! checkpoints of the blocks, and `scenes/N.ply` their results. Blocks are counted from 1 in names and messages.
 
 use std::{
-    fs,
+    fmt, fs,
     path::{Path, PathBuf},
-    time::Duration,
 };
 
-use gs_core::{Camera, Optimizer, RenderSettings, Scene as _, Scene3d};
+use gs_core::{Camera, Optimizer, RenderSettings, Scene as _, Scene3d, counted};
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, read_3d, write_3d, write_durably};
 use gs_jobs::{
-    Claims, JobStore, Keep, Listing, State, WorkSettings,
+    Claims, Holder, JobStore, Keep, WorkSettings,
     files::{self, RUNS},
 };
 use gs_train::{
@@ -79,6 +78,17 @@ pub enum BlockOutcome {
     },
 }
 
+impl fmt::Display for BlockOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Finished { gaussians, seconds, .. } => {
+                write!(f, "{} after {seconds:.1} s", counted(*gaussians, "Gaussian"))
+            }
+            Self::Failed { error } => write!(f, "failed: {error}"),
+        }
+    }
+}
+
 /// The record of a block.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BlockRecord {
@@ -87,15 +97,6 @@ pub struct BlockRecord {
     /// How it ended.
     #[serde(flatten)]
     pub outcome: BlockOutcome,
-}
-
-/// A block that a process has claimed.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RunningBlock {
-    /// The process; `None` where its claim cannot be read.
-    pub worker: Option<String>,
-    /// Time since its last sign of life, by the file server's clock; `None` if it is dead.
-    pub age: Option<Duration>,
 }
 
 /// The folder of a training in blocks. Any number of processes may do its blocks at the same time.
@@ -415,21 +416,8 @@ impl BlocksFolder {
     ///
     /// # Errors
     /// [`Error::Jobs`] where the folder cannot be read.
-    pub fn running(&self) -> Result<Vec<Option<RunningBlock>>, Error> {
-        let (listing, claims) = (Listing::of(&self.store)?, self.claims());
-        let of_block = |address: &String| {
-            let Some(generation) = listing.claimed.get(address).filter(|_| !listing.ended.contains(address)) else {
-                return Ok(None);
-            };
-            Ok(match claims.state(&files::claim(address, *generation))? {
-                State::Live { note, age } => {
-                    Some(RunningBlock { worker: note.map(|note| note.worker), age: Some(age) })
-                }
-                State::Expired { note } => Some(RunningBlock { worker: note.map(|note| note.worker), age: None }),
-                State::Released | State::Gone => None,
-            })
-        };
-        self.addresses.iter().map(of_block).collect()
+    pub fn running(&self) -> Result<Vec<Option<Holder>>, Error> {
+        Ok(self.claims().holders(self.addresses.iter().map(String::as_str))?)
     }
 
     /// The numbers of Gaussians of all blocks' results.

@@ -9,8 +9,8 @@ mod folder;
 mod map;
 
 pub use self::{
-    conduct::{BlocksWatcher, conduct},
-    folder::{BlockOutcome, BlockRecord, BlocksFolder, Origin, Preparing, RunningBlock},
+    conduct::conduct,
+    folder::{BlockOutcome, BlockRecord, BlocksFolder, Origin, Preparing},
     map::{map, map_page},
 };
 #[cfg(doc)]

@@ -18,7 +18,7 @@ use super::{
     resumption::{Interruptions, JobCheckpoints, remove_checkpoint},
     task::StudyBackend,
     train::{Replayed, train},
-    watcher::{OfRun, Watcher},
+    watcher::Watcher,
 };
 use crate::{
     error::Error,
@@ -35,6 +35,17 @@ pub enum Conducted {
     Stopped,
     /// The runs that are left are with other processes: see [`AtEnd::Leave`](gs_jobs::AtEnd).
     Left,
+}
+
+impl Conducted {
+    /// What has become of the jobs of a queue.
+    pub(crate) fn of(queue: &Queue<'_>, is_stopped: bool) -> Result<Self, Error> {
+        Ok(match queue.left()? {
+            0 => Self::Whole,
+            _ if is_stopped => Self::Stopped,
+            _ => Self::Left,
+        })
+    }
 }
 
 /// Does all runs of a plan that have no record.
@@ -83,9 +94,7 @@ pub fn conduct<R: Optimizer<Scene2d> + Optimizer<Scene3d> + Sync>(
     });
     match trouble.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) {
         Some(error) => Err(error),
-        None if queue.left()? == 0 => Ok(Conducted::Whole),
-        None if watcher.wants_stop() => Ok(Conducted::Stopped),
-        None => Ok(Conducted::Left),
+        None => Conducted::of(&queue, watcher.wants_stop()),
     }
 }
 
@@ -169,10 +178,9 @@ fn attempt<R: StudyBackend>(
 ) -> Result<Option<(RunOutcome, Vec<Image>)>, Error> {
     let &Place { plan, side_by_side, watcher, .. } = at;
     let checkpoints = JobCheckpoints::new(at.folder.store(), &run.address, at.settings.lease);
-    let conductor = OfRun { run, watcher };
     // A run that panicked shares no state with others: its trainer was dropped.
     let trained = catch_unwind(AssertUnwindSafe(|| {
-        train(plan, run, rasterizer, Interruptions::new(&conductor, Some(checkpoints)))
+        train(plan, run, rasterizer, Interruptions::new(run, watcher, Some(checkpoints)))
     }));
     let failed = |error: String| Ok(Some((RunOutcome::Failed { error }, Vec::new())));
     match trained {

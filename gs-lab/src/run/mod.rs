@@ -22,15 +22,15 @@ pub(crate) use self::{
     record::{Record, ViewResult},
     recorded::Row,
     result_names::{CLAIMS, PAGE, PLOTS, RESULTS, VIEWS},
-    resumption::{Conductor, Interruptions, JobCheckpoints, remove_checkpoint},
+    resumption::{Interruptions, JobCheckpoints, remove_checkpoint},
     task::PICTURED_VIEWS,
 };
 pub use self::{
     conduct::{Conducted, conduct, refuse_unsupported},
-    folder::{Existing, Preparation, RunningRun, StudyFolder},
+    folder::{Existing, Preparation, StudyFolder},
     record::{Finished, RunOutcome},
     replay::replay,
     task::ReplayedScene,
     train::Replayed,
-    watcher::Watcher,
+    watcher::{Job, Watcher},
 };

@@ -1,6 +1,6 @@
 //! The stored record of a run on an image or a scene.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt};
 
 use gs_core::{Culled, edit::EditCounts};
 use gs_train::MetricsRow;
@@ -50,6 +50,15 @@ impl RunOutcome {
         match self {
             Self::Finished(finished) => Some(finished),
             Self::Failed { .. } => None,
+        }
+    }
+}
+
+impl fmt::Display for RunOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Finished(finished) => write!(f, "{:.2} dB after {:.1} s", finished.psnr, finished.seconds),
+            Self::Failed { error } => write!(f, "failed: {error}"),
         }
     }
 }

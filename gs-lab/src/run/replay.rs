@@ -5,7 +5,6 @@ use super::{
     recorded,
     resumption::Interruptions,
     train::{Replayed, train},
-    watcher::OfRun,
 };
 use gs_core::{Optimizer, Scene2d, Scene3d};
 
@@ -60,7 +59,7 @@ pub fn replay<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
         );
         Error::Replay { row, message }
     };
-    let replayed = train(plan, run, rasterizer, Interruptions::new(&OfRun { run, watcher: &() }, None))?
+    let replayed = train(plan, run, rasterizer, Interruptions::new(run, &(), None))?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {
         Some(recorded) if *recorded != replayed.finished.scene => Err(differs(recorded, &replayed.finished.scene)),

@@ -19,7 +19,11 @@ use gs_io::{Checkpoint, decode_checkpoint, encode_checkpoint};
 use gs_jobs::{JobStore, Keep, files};
 use gs_train::{Control, Error as TrainError, Observer, Progress};
 
-use crate::{error::Error, study::digest};
+use super::watcher::{Job, Watcher};
+use crate::{
+    error::Error,
+    study::{Run, digest},
+};
 
 /// Checkpoints per lease: a process that dies loses less work than others then wait for its runs.
 const PER_LEASE: u32 = 4;
@@ -30,18 +34,6 @@ const SHARE_OF_STORING: u32 = 50;
 /// Entry of the metadata with the digest of everything else in the checkpoint and of the job's
 /// address.
 const KEY: &str = "study-run";
-
-/// Who conducts a job that can be interrupted.
-pub(crate) trait Conductor {
-    /// Whether to stop, with a checkpoint.
-    fn wants_stop(&self) -> bool;
-
-    /// Something went wrong that costs time but changes no result.
-    fn warned(&self, message: &str);
-
-    /// The job goes on after this many steps.
-    fn resumed(&self, step: u32);
-}
 
 /// The checkpoints of a job.
 pub(crate) struct JobCheckpoints<'a> {
@@ -82,10 +74,11 @@ pub(crate) fn remove_checkpoint(store: &JobStore, address: &str) {
     let _ = store.remove(&files::checkpoint(address));
 }
 
-/// Stops a job where its conductor wants to, and stores checkpoints: now and then, and at the stop.
+/// Stops a job where its watcher wants to, and stores checkpoints: now and then, and at the stop.
 /// It comes after the observers that add to checkpoints.
-pub(crate) struct Interruptions<'a> {
-    conductor: &'a dyn Conductor,
+pub(crate) struct Interruptions<'a, J: Job = Run> {
+    job: &'a J,
+    watcher: &'a dyn Watcher<J>,
     /// `None` for a job that is not to be resumed.
     checkpoints: Option<JobCheckpoints<'a>>,
     /// When the next checkpoint is due.
@@ -94,11 +87,11 @@ pub(crate) struct Interruptions<'a> {
     has_failed: bool,
 }
 
-impl<'a> Interruptions<'a> {
+impl<'a, J: Job> Interruptions<'a, J> {
     /// Interruptions of a job from now on.
-    pub(crate) fn new(conductor: &'a dyn Conductor, checkpoints: Option<JobCheckpoints<'a>>) -> Self {
+    pub(crate) fn new(job: &'a J, watcher: &'a dyn Watcher<J>, checkpoints: Option<JobCheckpoints<'a>>) -> Self {
         let due = checkpoints.as_ref().map(|checkpoints| Instant::now() + checkpoints.interval);
-        Self { conductor, checkpoints, due, stops: false, has_failed: false }
+        Self { job, watcher, checkpoints, due, stops: false, has_failed: false }
     }
 
     /// The checkpoint to go on from; `None` where there is none, or none that can be used.
@@ -112,18 +105,18 @@ impl<'a> Interruptions<'a> {
 
     /// Says that the checkpoint cannot be used.
     pub(crate) fn refuse(&self, why: impl Display) {
-        self.conductor.warned(&format!("begins anew, as its checkpoint cannot be used: {why}"));
+        self.watcher.warned(self.job, &format!("begins anew, as its checkpoint cannot be used: {why}"));
     }
 
     /// Says that the job goes on after this many steps.
     pub(crate) fn resumed(&self, step: u32) {
-        self.conductor.resumed(step);
+        self.watcher.resumed(self.job, step);
     }
 }
 
-impl Observer for Interruptions<'_> {
+impl<J: Job> Observer for Interruptions<'_, J> {
     fn on_step(&mut self, _: &Progress) -> Control {
-        self.stops |= self.conductor.wants_stop();
+        self.stops |= self.watcher.wants_stop();
         if self.stops { Control::Stop } else { Control::Continue }
     }
 
@@ -140,7 +133,7 @@ impl Observer for Interruptions<'_> {
             && !self.has_failed
         {
             self.has_failed = true;
-            self.conductor.warned(&format!("goes on without a checkpoint, which could not be stored: {error}"));
+            self.watcher.warned(self.job, &format!("goes on without a checkpoint, which could not be stored: {error}"));
         }
         self.due = Some(Instant::now() + (started.elapsed() * SHARE_OF_STORING).max(checkpoints.interval));
         Ok(())

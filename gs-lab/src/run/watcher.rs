@@ -1,72 +1,68 @@
-//! Watches the runs of a study.
+//! Watches jobs that are done: the runs of a study, or blocks.
+
+use std::fmt;
 
 use gs_jobs::Overseer;
 
-use super::{record::RunOutcome, resumption::Conductor};
-use crate::study::Run;
+use super::record::RunOutcome;
+use crate::{blocks::BlockOutcome, study::Run};
 
-/// Watches a study; called from several threads. `()` ignores everything.
-pub trait Watcher: Sync {
-    /// A run has begun.
-    fn begun(&self, run: &Run) {
-        let _ = run;
+/// What processes share: a run of a study, or a block by its number from 0.
+pub trait Job: Sync {
+    /// How it ends.
+    type Outcome: fmt::Display;
+}
+
+impl Job for Run {
+    type Outcome = RunOutcome;
+}
+
+impl Job for usize {
+    type Outcome = BlockOutcome;
+}
+
+/// Watches jobs; called from several threads. `()` ignores everything.
+pub trait Watcher<J: Job = Run>: Sync {
+    /// A job has begun.
+    fn begun(&self, job: &J) {
+        let _ = job;
     }
 
-    /// A run that has begun goes on from a checkpoint after this many steps.
-    fn resumed(&self, run: &Run, step: u32) {
-        let _ = (run, step);
+    /// A job that has begun goes on from a checkpoint after this many steps.
+    fn resumed(&self, job: &J, step: u32) {
+        let _ = (job, step);
     }
 
-    /// Something went wrong that costs time but changes no result, such as that a checkpoint of a run
-    /// could not be stored.
-    fn warned(&self, run: &Run, message: &str) {
-        let _ = (run, message);
+    /// Something went wrong that costs time but changes no result, such as that a checkpoint could not
+    /// be stored.
+    fn warned(&self, job: &J, message: &str) {
+        let _ = (job, message);
     }
 
-    /// A run has ended, and its outcome is stored.
-    fn ended(&self, run: &Run, outcome: &RunOutcome) {
-        let _ = (run, outcome);
+    /// A job has ended, and its outcome is stored.
+    fn ended(&self, job: &J, outcome: &J::Outcome) {
+        let _ = (job, outcome);
     }
 
-    /// The folder has records of this many runs of the study, done by this process or others.
+    /// The folder has records of this many jobs, done by this process or others.
     fn counted(&self, ended: usize) {
         let _ = ended;
     }
 
-    /// Whether to stop. Runs in progress are given back, each with a checkpoint.
+    /// Whether to stop. Jobs in progress are given back, each with a checkpoint.
     fn wants_stop(&self) -> bool {
         false
     }
 }
 
-impl Watcher for () {}
+impl<J: Job> Watcher<J> for () {}
 
-impl Overseer for &dyn Watcher {
+impl<J: Job> Overseer for &dyn Watcher<J> {
     fn counted(&self, ended: usize) {
         (**self).counted(ended);
     }
 
     fn wants_stop(&self) -> bool {
         (**self).wants_stop()
-    }
-}
-
-/// The watcher of one run.
-pub(crate) struct OfRun<'a> {
-    pub(crate) run: &'a Run,
-    pub(crate) watcher: &'a dyn Watcher,
-}
-
-impl Conductor for OfRun<'_> {
-    fn wants_stop(&self) -> bool {
-        self.watcher.wants_stop()
-    }
-
-    fn warned(&self, message: &str) {
-        self.watcher.warned(self.run, message);
-    }
-
-    fn resumed(&self, step: u32) {
-        self.watcher.resumed(self.run, step);
     }
 }

@@ -23,8 +23,8 @@ use gs_train::{
 use super::scenes::cpu;
 use crate::{
     Error,
-    blocks::{BlockOutcome, BlocksFolder, BlocksWatcher, Origin, conduct, map, map_page},
-    run::Conducted,
+    blocks::{BlockOutcome, BlocksFolder, Origin, conduct, map, map_page},
+    run::{Conducted, Watcher},
 };
 
 fn spread(index: usize, by: f64) -> f32 {
@@ -188,10 +188,10 @@ struct Stop {
     resumed: Mutex<Vec<usize>>,
 }
 
-impl BlocksWatcher for Stop {
-    fn resumed(&self, block: usize, step: u32) {
+impl Watcher<usize> for Stop {
+    fn resumed(&self, block: &usize, step: u32) {
         assert!(step > 0);
-        self.resumed.lock().unwrap().push(block);
+        self.resumed.lock().unwrap().push(*block);
     }
 
     fn wants_stop(&self) -> bool {

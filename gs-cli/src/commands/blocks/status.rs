@@ -1,7 +1,7 @@
 //! `gs blocks status`: which blocks have ended, and who is doing others.
 
 use gs_core::counted;
-use gs_lab::blocks::{BlockOutcome, RunningBlock};
+use gs_lab::blocks::BlockOutcome;
 
 use super::{arguments::FolderArgs, open};
 use crate::{failure::Failure, flags::cluster::print_slurm_states, terminal::output};
@@ -14,20 +14,12 @@ pub(super) fn run(args: &FolderArgs) -> Result<(), Failure> {
     let mut lines = Vec::new();
     for (block, (planned, running)) in blocks.iter().zip(running).enumerate() {
         let state = match (folder.record(block)?.map(|record| record.outcome), running) {
-            (Some(BlockOutcome::Finished { gaussians, seconds, .. }), _) => {
-                ended += 1;
-                format!("{} after {seconds:.1} s", counted(gaussians, "Gaussian"))
+            (Some(outcome), _) => {
+                ended += usize::from(matches!(outcome, BlockOutcome::Finished { .. }));
+                outcome.to_string()
             }
-            (Some(BlockOutcome::Failed { error }), _) => format!("failed: {error}"),
-            (_, Some(RunningBlock { worker, age })) => {
-                let worker = worker.unwrap_or_else(|| "a process that has just begun".to_owned());
-                let age = age.map_or_else(
-                    || "died".to_owned(),
-                    |age| format!("last sign of life {:.0} s ago", age.as_secs_f64()),
-                );
-                format!("{worker}: {age}")
-            }
-            _ => "free".to_owned(),
+            (None, Some(holder)) => holder.to_string(),
+            (None, None) => "free".to_owned(),
         };
         let (views, steps) = (counted(planned.views.len(), "view"), counted(planned.steps, "step"));
         lines.push(format!("block {} ({views}, {steps}): {state}", block + 1));

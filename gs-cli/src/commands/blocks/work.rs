@@ -1,27 +1,13 @@
 //! `gs blocks work`: trains blocks that other processes work on, too.
 
-use std::{
-    fmt::Display,
-    sync::atomic::{AtomicUsize, Ordering},
-};
-
 use gs_core::counted;
 use gs_lab::{
-    blocks::{BlockOutcome, BlocksFolder, BlocksWatcher, conduct},
-    run::Conducted,
+    blocks::{BlocksFolder, conduct},
     study::Machine,
 };
 
 use super::{arguments::WorkArgs, open, views};
-use crate::{
-    failure::Failure,
-    memory::Need,
-    terminal::{
-        interrupt::{AT_NEXT_STEP, Interrupt},
-        output::{self, quoted},
-        progress_bar::Printer,
-    },
-};
+use crate::{failure::Failure, flags::cluster::WorkLog, memory::Need, terminal::output};
 
 /// Trains blocks until none is left for this process.
 pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
@@ -38,22 +24,14 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     }
     check_memory(&folder)?;
     output::note(&backend.reason);
-    let interrupt = Interrupt::listen(Printer::above(None), AT_NEXT_STEP);
-    let log = Log { folder: &folder, interrupt, done: AtomicUsize::new(0) };
+    let blocks = &folder.plan().blocks;
+    let name = |block: &usize| {
+        let (steps, views) = (counted(blocks[*block].steps, "step"), counted(blocks[*block].views.len(), "view"));
+        format!("block {} of {} ({steps}, {views})", block + 1, blocks.len())
+    };
+    let log = WorkLog::begin(&name);
     let conducted = conduct(&folder, &backend.rasterizer, &views, &args.worker.settings(), &log)?;
-    let done = counted(log.done.into_inner(), "block");
-    let path = quoted(folder.path());
-    match conducted {
-        Conducted::Stopped => {
-            Err(Failure::interrupted(format_args!("stopped after {done}; to go on: gs blocks work {path}")))
-        }
-        Conducted::Whole => {
-            output::result(format_args!("{done} done, none is left; join them with gs blocks merge {path}"))
-        }
-        _ => output::result(format_args!(
-            "{done} done, the others are with other processes; see gs blocks status {path}"
-        )),
-    }
+    log.end(conducted, ["block", "blocks", "join them with gs blocks merge"], folder.path())
 }
 
 /// Fails where this process may not have the memory of some block that has not ended.
@@ -65,50 +43,4 @@ fn check_memory(folder: &BlocksFolder) -> Result<(), Failure> {
         }
     }
     Ok(())
-}
-
-/// Prints a line for each block, as for the log of a job.
-struct Log<'a> {
-    folder: &'a BlocksFolder,
-    interrupt: Interrupt,
-    done: AtomicUsize,
-}
-
-impl Log<'_> {
-    fn note(&self, block: usize, what: impl Display) {
-        output::note(format_args!("block {} of {}: {what}", block + 1, self.folder.plan().blocks.len()));
-    }
-}
-
-impl BlocksWatcher for Log<'_> {
-    fn begun(&self, block: usize) {
-        let planned = &self.folder.plan().blocks[block];
-        self.note(
-            block,
-            format_args!("{} from {}", counted(planned.steps, "step"), counted(planned.views.len(), "view")),
-        );
-    }
-
-    fn resumed(&self, block: usize, step: u32) {
-        self.note(block, format_args!("note: goes on from its checkpoint at step {step}"));
-    }
-
-    fn warned(&self, block: usize, message: &str) {
-        self.note(block, format_args!("note: {message}"));
-    }
-
-    fn ended(&self, block: usize, outcome: &BlockOutcome) {
-        self.done.fetch_add(1, Ordering::Relaxed);
-        match outcome {
-            BlockOutcome::Finished { gaussians, seconds, .. } => {
-                self.note(block, format_args!("{} after {seconds:.1} s", counted(*gaussians, "Gaussian")));
-            }
-            BlockOutcome::Failed { error } => self.note(block, format_args!("failed: {error}")),
-            _ => {}
-        }
-    }
-
-    fn wants_stop(&self) -> bool {
-        self.interrupt.requested()
-    }
 }

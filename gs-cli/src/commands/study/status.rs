@@ -11,23 +11,17 @@ pub(super) fn run(args: &HeldStudyArgs) -> Result<(), Failure> {
     let (folder, plan) = (&held.folder, held.plan_as_prepared()?);
     let ended = folder.ended()?;
     let ended = plan.runs.iter().filter(|run| ended.contains(&run.address)).count();
-    let claimed = folder.running(&plan)?;
-    let (running, left): (Vec<_>, Vec<_>) = claimed.iter().partition(|run| run.age.is_some());
-    let free = plan.runs.len().saturating_sub(ended + claimed.len());
+    let claimed: Vec<_> = plan.runs.iter().zip(folder.running(&plan)?).filter_map(|(run, by)| Some((run, by?))).collect();
+    let running = claimed.iter().filter(|(_, by)| by.age.is_some()).count();
     output::result(format_args!(
-        "{}: {ended} of {} ended, {} under way, {} left by processes that died, {free} free",
+        "{}: {ended} of {} ended, {running} under way, {} left by processes that died, {} free",
         plan.study.name,
         counted(plan.runs.len(), "run"),
-        running.len(),
-        left.len(),
+        claimed.len() - running,
+        plan.runs.len().saturating_sub(ended + claimed.len()),
     ))?;
-    for run in &claimed {
-        let worker = run.worker.as_deref().unwrap_or("a process that has just begun");
-        let age = match run.age {
-            Some(age) => format!("last sign of life {:.0} s ago", age.as_secs_f64()),
-            None => "died".to_owned(),
-        };
-        output::result(format_args!("row {} ({}): {worker}: {age}", run.row, plan.describe(&plan.runs[run.row - 1])))?;
+    for (run, by) in &claimed {
+        output::result(format_args!("row {} ({}): {by}", run.row, plan.describe(run)))?;
     }
     print_slurm_states(folder.path(), "study")
 }

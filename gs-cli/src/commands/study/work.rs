@@ -1,15 +1,8 @@
 //! `gs study work`: does runs of a study that other processes work on, too.
 
-use std::{
-    fmt::Display,
-    sync::atomic::{AtomicUsize, Ordering},
-};
-
 use gs_backend::Chosen;
-use gs_core::counted;
 use gs_lab::{
-    Plan, conduct,
-    run::{Conducted, RunOutcome, Watcher},
+    conduct,
     study::{Machine, Run},
 };
 
@@ -17,14 +10,7 @@ use super::{
     arguments::WorkArgs,
     prepare::{held, rasterizers},
 };
-use crate::{
-    failure::Failure,
-    terminal::{
-        interrupt::{AT_NEXT_STEP, Interrupt},
-        output::{self, quoted},
-        progress_bar::Printer,
-    },
-};
+use crate::{failure::Failure, flags::cluster::WorkLog, terminal::output};
 
 /// Does runs until none is left for this process.
 pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
@@ -34,20 +20,10 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     let plan = held.plan(Machine::of(&backends[0].rasterizer))?;
     folder.check(&plan)?;
     output::note(&backends[0].reason);
-    let printer = Printer::above(None);
-    let log = Log { plan: &plan, interrupt: Interrupt::listen(printer, AT_NEXT_STEP), done: AtomicUsize::new(0) };
+    let name = |run: &Run| format!("row {} ({})", run.row, plan.describe(run));
+    let log = WorkLog::begin(&name);
     let conducted = conduct(&plan, &rasterizers(&backends), folder, &args.worker.settings(), &log)?;
-    let done = counted(log.done.into_inner(), "run");
-    let folder = quoted(folder.path());
-    match conducted {
-        Conducted::Stopped => {
-            Err(Failure::interrupted(format_args!("stopped after {done}; to go on: gs study work {folder}")))
-        }
-        Conducted::Whole => output::result(format_args!("{done} done, none is left; see gs study report {folder}")),
-        _ => output::result(format_args!(
-            "{done} done, the others are with other processes; see gs study status {folder}"
-        )),
-    }
+    log.end(conducted, ["run", "study", "see gs study report"], folder.path())
 }
 
 /// The backends of the study, or those that the flags ask for.
@@ -57,41 +33,4 @@ fn open(args: &WorkArgs, recorded: Option<Machine>) -> Result<Vec<Chosen>, Failu
         let hint = "a study has one backend and SIMD level for all machines: prepare it with one that all have";
         failure.at(format_args!("the study is on {}", recorded.name)).hint(hint)
     })
-}
-
-/// Prints a line for each run, as for the log of a job.
-struct Log<'a> {
-    plan: &'a Plan,
-    interrupt: Interrupt,
-    done: AtomicUsize,
-}
-
-impl Log<'_> {
-    /// Prints a line about a run that has not ended.
-    fn note(&self, run: &Run, what: impl Display) {
-        output::note(format_args!("note: row {} ({}): {what}", run.row, self.plan.describe(run)));
-    }
-}
-
-impl Watcher for Log<'_> {
-    fn ended(&self, run: &Run, outcome: &RunOutcome) {
-        self.done.fetch_add(1, Ordering::Relaxed);
-        let end = match outcome {
-            RunOutcome::Finished(finished) => format!("{:.2} dB after {:.1} s", finished.psnr, finished.seconds),
-            RunOutcome::Failed { error } => format!("failed: {error}"),
-        };
-        output::note(format_args!("row {} ({}): {end}", run.row, self.plan.describe(run)));
-    }
-
-    fn resumed(&self, run: &Run, step: u32) {
-        self.note(run, format_args!("goes on from its checkpoint at step {step} of {}", run.iterations()));
-    }
-
-    fn warned(&self, run: &Run, message: &str) {
-        self.note(run, message);
-    }
-
-    fn wants_stop(&self) -> bool {
-        self.interrupt.requested()
-    }
 }

@@ -9,13 +9,12 @@ use std::{
     collections::{BTreeMap, HashSet},
     fs,
     path::{Path, PathBuf},
-    time::Duration,
 };
 
 use gs_core::Image;
 use gs_io::{FolderClaim, Inputs, OutputFolder, png_bytes};
 use gs_jobs::{
-    Claims, JobStore, Keep, Listing, Queue, State, WorkSettings,
+    Claims, Holder, JobStore, Keep, Listing, Queue, WorkSettings,
     files::{self, RUNS},
 };
 use serde::Serialize;
@@ -70,18 +69,6 @@ pub struct StudyFolder {
     results: FolderClaim,
     /// The files of the runs.
     store: JobStore,
-}
-
-/// A run that a process has claimed.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RunningRun {
-    /// The row of the run.
-    pub row: usize,
-    /// The process; `None` where its claim cannot be read.
-    pub worker: Option<String>,
-    /// Time since the process has last shown that it is alive, by the file server's clock; `None` if
-    /// it is dead.
-    pub age: Option<Duration>,
 }
 
 impl StudyFolder {
@@ -162,30 +149,17 @@ impl StudyFolder {
         Queue::new(plan.runs.iter().map(|run| run.address.as_str()).collect(), self.store.clone(), settings)
     }
 
-    fn claims(&self, settings: &WorkSettings) -> Claims {
-        Claims::new(self.store.clone(), settings.worker.clone(), settings.lease)
+    fn claims(&self) -> Claims {
+        let settings = WorkSettings::default();
+        Claims::new(self.store.clone(), settings.worker, settings.lease)
     }
 
-    /// The rows of a plan that have no record but a claim, in their order; runs that were given up
-    /// are not among them.
+    /// Who is doing each run of a plan; `None` for runs that have ended, that were given up, and that nobody has claimed.
     ///
     /// # Errors
-    /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read.
-    pub fn running(&self, plan: &Plan) -> Result<Vec<RunningRun>, Error> {
-        let listing = Listing::of(&self.store)?;
-        let claims = self.claims(&WorkSettings::default());
-        let claimed = plan.runs.iter().filter(|run| !listing.ended.contains(&run.address));
-        let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
-        let mut running = Vec::new();
-        for (run, generation) in claimed {
-            let (note, age) = match claims.state(&files::claim(&run.address, generation))? {
-                State::Live { note, age } => (note, Some(age)),
-                State::Expired { note } => (note, None),
-                State::Released | State::Gone => continue,
-            };
-            running.push(RunningRun { row: run.row, worker: note.map(|note| note.worker), age });
-        }
-        Ok(running)
+    /// [`Error::Jobs`] where the folder cannot be read.
+    pub fn running(&self, plan: &Plan) -> Result<Vec<Option<Holder>>, Error> {
+        Ok(self.claims().holders(plan.runs.iter().map(|run| run.address.as_str()))?)
     }
 
     /// Removes what processes that died have left in the folder, and the records of those of `unread` that
@@ -213,7 +187,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
     pub(crate) fn sweep(&self) -> Result<(), Error> {
-        Ok(self.claims(&WorkSettings::default()).sweep()?)
+        Ok(self.claims().sweep()?)
     }
 
     /// Locks the folder's tables and report to write them. Waits where another process has them.

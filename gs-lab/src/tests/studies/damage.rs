@@ -86,7 +86,7 @@ fn a_result_that_cannot_be_stored_ends_the_work_and_leaves_the_run_to_others() {
     fs::remove_dir(folder.file("pictures")).unwrap();
     let line = conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &()).unwrap_err().to_string();
     assert!(line.contains("cannot be written: there is no folder "), "{line}");
-    assert_eq!(folder.running(&plan).unwrap(), [], "given back");
+    assert!(folder.running(&plan).unwrap().iter().all(Option::is_none), "given back");
     fs::create_dir(folder.file("pictures")).unwrap();
     assert_eq!(conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
     let names: Vec<_> = fs::read_dir(folder.file("runs")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
