@@ -63,26 +63,11 @@ impl Problems {
         }
     }
 
-    /// Whether there is a new cause or a doubled count since the last report.
-    pub(crate) fn exceed(&self, reported: &Self) -> bool {
-        let mut pairs = self.causes().into_iter().zip(reported.causes());
-        pairs.any(|((now, ..), (reported, ..))| now > 0 && u64::from(now) >= 2 * u64::from(reported))
-    }
-
-    /// The larger of each count.
-    pub(crate) fn worst(&self, other: &Self) -> Self {
-        let Clamped { smallest, largest } = self.clamped;
-        Self {
-            verbosity: self.verbosity,
-            removed: self.removed.max(other.removed),
-            not_finite: self.not_finite.max(other.not_finite),
-            degenerate: self.degenerate.max(other.degenerate),
-            clamped: Clamped {
-                smallest: smallest.max(other.clamped.smallest),
-                largest: largest.max(other.clamped.largest),
-            },
-            fresh_starts: self.fresh_starts.max(other.fresh_starts),
-        }
+    /// Whether there is a cause that was not `reported`; it is from now on. Restarts are reported by themselves.
+    pub(crate) fn are_new(&self, reported: &mut [bool; 5]) -> bool {
+        let before = *reported;
+        reported.iter_mut().zip(self.causes()).for_each(|(reported, (count, ..))| *reported |= count > 0);
+        before != *reported
     }
 
     /// The counts, each with its noun and its cause.
@@ -132,17 +117,13 @@ mod tests {
     }
 
     #[test]
-    fn new_causes_and_doubled_counts_are_reported() {
+    fn each_cause_is_new_once() {
         let clamped = |smallest| Problems { clamped: Clamped { smallest, largest: 0 }, ..Problems::default() };
-        let mut reported = Problems::default();
-        assert!(!Problems::default().exceed(&reported) && clamped(1).exceed(&reported));
-        reported = clamped(3).worst(&reported);
-        assert!(!clamped(5).exceed(&reported) && clamped(6).exceed(&reported));
+        let mut reported = [false; 5];
+        assert!(!Problems::default().are_new(&mut reported) && clamped(1).are_new(&mut reported));
         // A problem that comes and goes is reported once.
-        reported = clamped(0).worst(&reported);
-        assert!(!clamped(3).exceed(&reported));
-        assert!(Problems { degenerate: 1, ..clamped(3) }.exceed(&reported));
-        let most = clamped(u32::MAX);
-        assert!(!most.exceed(&most.worst(&reported)), "counts that cannot double");
+        assert!(!clamped(0).are_new(&mut reported) && !clamped(6).are_new(&mut reported));
+        assert!(Problems { degenerate: 1, ..clamped(3) }.are_new(&mut reported));
+        assert!(!Problems { fresh_starts: 1, ..clamped(3) }.are_new(&mut reported));
     }
 }

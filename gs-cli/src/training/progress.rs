@@ -36,8 +36,8 @@ pub(crate) struct Display {
     /// The last PSNR, measured or estimated, dB; see [`Status::psnr`].
     psnr: Option<f64>,
     problems: Problems,
-    /// The worst problems that were printed above a bar, which has no room for them.
-    reported: Problems,
+    /// The causes of problems that were printed above a bar, which has no room for them.
+    reported: [bool; 5],
 }
 
 enum ProgressForm {
@@ -76,7 +76,7 @@ impl Display {
             measure_at: now,
             psnr: None,
             problems: Problems::none(verbosity),
-            reported: Problems::none(verbosity),
+            reported: [false; 5],
         }
     }
 
@@ -101,11 +101,10 @@ impl Display {
         format!("step {step}/{iterations}  {}{}", self.status(progress).whole(), self.problems)
     }
 
-    /// Prints problems when they become worse. Lines show them always.
+    /// Prints problems that are new. Lines show them always.
     fn report_problems(&mut self, progress: &Progress) {
-        if !matches!(self.kind, ProgressForm::Lines(_)) && self.problems.exceed(&self.reported) {
+        if !matches!(self.kind, ProgressForm::Lines(_)) && self.problems.are_new(&mut self.reported) {
             self.printer().print(format_args!("note: step {}{}", progress.step, self.problems));
-            self.reported = self.problems.worst(&self.reported);
         }
     }
 }
@@ -137,9 +136,7 @@ impl Display {
             }
         }
         if let Some(fresh_start) = &progress.fresh_start {
-            // The restart counts as reported, as it is printed here.
             self.problems.add_restart();
-            self.reported.add_restart();
             if progress.is_last() {
                 self.printer().print(
                     "note: the last Gaussians are worse than the first, which are the result: lower the learning rates",
