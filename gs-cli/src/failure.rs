@@ -49,9 +49,8 @@ impl Failure {
     /// A scene could not be read or written. If its content is broken, `gs doctor` can repair it.
     pub(crate) fn of_scene(error: gs_io::Error) -> Self {
         match error {
-            gs_io::Error::Content { .. } => {
-                Self::from(error).hint("gs doctor SCENE shows what is broken, and gs convert SCENE OUT --drop-broken repairs it")
-            }
+            gs_io::Error::Content { .. } => Self::from(error)
+                .hint("gs doctor SCENE shows what is broken, and gs convert SCENE OUT --drop-broken repairs it"),
             _ => error.into(),
         }
     }

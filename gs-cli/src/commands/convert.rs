@@ -211,18 +211,8 @@ fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
 }
 
 fn text(conversion: &Conversion) -> String {
-    let Conversion {
-        read,
-        written,
-        gaussians,
-        sh_degree,
-        frame,
-        dropped,
-        beyond_format,
-        reduction,
-        lost,
-        rounding,
-    } = conversion;
+    let Conversion { read, written, gaussians, sh_degree, frame, dropped, beyond_format, reduction, lost, rounding } =
+        conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
     };

@@ -17,12 +17,7 @@ use gs_io::{
 use gs_lab::report::significant;
 
 use self::measure::Measure;
-use crate::{
-    failure::Failure,
-    files,
-    flags::dataset::DatasetArgs,
-    terminal::output::printable,
-};
+use crate::{failure::Failure, files, flags::dataset::DatasetArgs, terminal::output::printable};
 
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]

@@ -9,7 +9,8 @@ use clap::Args;
 use gs_core::counted;
 use gs_io::{Inputs, OutputFolder};
 use gs_poses::{
-    Colmap, Error, FILES, LensKind, Observer, Pairs, Quality, Settings, Source, Stage, Verdict, find_poses, refuse_other_models,
+    Colmap, Error, FILES, LensKind, Observer, Pairs, Quality, Settings, Source, Stage, Verdict, find_poses,
+    refuse_other_models,
 };
 
 use crate::{

@@ -7,10 +7,7 @@ use gs_io::read_image_on;
 use gs_train::{Preset, paper_target};
 
 use super::batch::shown;
-use crate::{
-    flags::values::Color,
-    terminal::output::printable,
-};
+use crate::{flags::values::Color, terminal::output::printable};
 
 /// The target and where it is from.
 #[derive(Debug)]

@@ -43,9 +43,7 @@ fn what_cannot_be_done_is_refused_in_one_line() {
     let unknown = gs(["paper", "--only", "warm-start"]);
     assert_eq!(unknown.status, Some(2));
     let line = unknown.refusal();
-    for name in
-        ["warm-start", "set-up", "cold-start", "lazy-convergence", "instability", "edges", "gs paper --help"]
-    {
+    for name in ["warm-start", "set-up", "cold-start", "lazy-convergence", "instability", "edges", "gs paper --help"] {
         assert!(line.contains(name), "{name} in {line}");
     }
     let place = folder();

@@ -49,7 +49,7 @@ fn save(
         Measure::Ssimulacra2 => "SSIMULACRA2",
     };
     let file = folder.join(format!("{name}-{}.svg", measure.name().to_lowercase()));
-    Ok(fs::write(file, line_chart(title, ["bits per pixel", unit], lines)?)?)
+    Ok(fs::write(file, line_chart(title, ["bits per pixel", unit], lines))?)
 }
 
 /// Places from 0.1 to 2 bits per pixel at which every image has a file.

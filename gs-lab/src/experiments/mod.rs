@@ -30,10 +30,7 @@ pub struct Experiment {
 /// All experiments, in the paper's order.
 pub static EXPERIMENTS: [Experiment; 5] = [
     Experiment {
-        name: "set-up",
-        title: "Set-up and result",
-        section: "§3.1–3.3, Figs. 6, 7, 8",
-        studies: &["set-up"],
+        name: "set-up", title: "Set-up and result", section: "§3.1–3.3, Figs. 6, 7, 8", studies: &["set-up"]
     },
     Experiment {
         name: "cold-start",

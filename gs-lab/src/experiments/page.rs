@@ -13,12 +13,7 @@ use crate::{
 
 /// The page of one experiment, or of all of them, as HTML. `backend` is what computed, in words. It links to
 /// the reports of the studies, which are in folders of their names beside it.
-pub fn page(
-    chapters: &[Chapter],
-    only: Option<&'static Experiment>,
-    is_quick: bool,
-    backend: &str,
-) -> String {
+pub fn page(chapters: &[Chapter], only: Option<&'static Experiment>, is_quick: bool, backend: &str) -> String {
     let body = html! {
         (head(chapters, only, is_quick, backend))
         main {
@@ -140,7 +135,7 @@ mod tests {
             section: "§1".to_owned(),
             circumstances: vec![Circumstance::counted("held < of", [true, false])],
             measured: "1 > 0".to_owned(),
-            numbers: vec![Number::new("n", 1.0, "dB")],
+            numbers: vec![Number { what: "n".to_owned(), value: 1.0, unit: "dB".to_owned() }],
         };
         Chapter { experiment: &EXPERIMENTS[4], methods: vec!["How?".to_owned()], claims: vec![claim] }
     }

@@ -71,10 +71,7 @@ impl<V> std::fmt::Debug for Candidate<'_, V> {
 ///
 /// # Errors
 /// Those of [`Rasterizer::upload`] and of [`CpuRasterizer::new`].
-pub(crate) fn candidates<'a, S>(
-    base: AnyRasterizer,
-    scene: &S,
-) -> Result<Vec<Candidate<'a, S::View>>, Error>
+pub(crate) fn candidates<'a, S>(base: AnyRasterizer, scene: &S) -> Result<Vec<Candidate<'a, S::View>>, Error>
 where
     S: Scene + 'a,
     AnyRasterizer: Optimizer<S>,

@@ -1,9 +1,9 @@
 //! The frame of all HTML pages: a single file without links or network access, with a light and a
 //! dark theme.
 
+use super::figure::{COLORS, Figure, GRID, INK, Rgb, hex};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use super::figure::{COLORS, Figure, GRID, INK, Rgb, hex};
 
 const STYLE: &str = include_str!("html.css");
 
@@ -72,8 +72,7 @@ mod tests {
 
     #[test]
     fn a_page_stands_alone_and_its_figures_follow_its_theme() {
-        let series =
-            vec![Series::line("falling", vec![(0.0, 2.0), (1.0, 1.0)]), Series::dotted("<&>", vec![(0.0, 0.5)])];
+        let series = vec![Series::line("falling", vec![(0.0, 2.0), (1.0, 1.0)]), Series::line("<&>", vec![(0.0, 0.5)])];
         let (x, y) = (Axis::linear("step"), Axis::linear("loss"));
         let drawn = Figure { name: "f".to_owned(), title: "a < b".to_owned(), x, y, marks: Marks::lines(series) };
         let page = page("t", &figure(&drawn));

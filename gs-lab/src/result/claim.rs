@@ -46,11 +46,6 @@ pub(crate) struct Circumstance {
 }
 
 impl Circumstance {
-    /// A condition with a single case.
-    pub(crate) fn once(what: impl Into<String>, holds: bool) -> Self {
-        Self { what: what.into(), held: holds.into(), of: 1 }
-    }
-
     /// A condition counted over many cases.
     pub(crate) fn counted(what: impl Into<String>, each: impl IntoIterator<Item = bool>) -> Self {
         let (held, of) = each.into_iter().fold((0, 0), |(held, of), holds| (held + usize::from(holds), of + 1));
@@ -111,13 +106,6 @@ pub(crate) struct Number {
     pub(crate) value: f64,
     /// The unit, such as "dB"; empty for a pure number.
     pub(crate) unit: String,
-}
-
-impl Number {
-    /// A number with its name and unit.
-    pub(crate) fn new(what: impl Into<String>, value: f64, unit: impl Into<String>) -> Self {
-        Self { what: what.into(), value, unit: unit.into() }
-    }
 }
 
 impl fmt::Display for Number {
@@ -181,8 +169,8 @@ mod tests {
     fn a_verdict_is_what_its_circumstances_come_to() {
         let counted = |held: usize, of: usize| Circumstance::counted("c", (0..of).map(|i| i < held));
         let cases = [
-            (vec![counted(3, 3), Circumstance::once("c", true)], ClaimVerdict::Confirmed),
-            (vec![counted(3, 3), Circumstance::once("c", false)], ClaimVerdict::Partly),
+            (vec![counted(3, 3), counted(1, 1)], ClaimVerdict::Confirmed),
+            (vec![counted(3, 3), counted(0, 1)], ClaimVerdict::Partly),
             (vec![counted(1, 3)], ClaimVerdict::Partly),
             (vec![counted(0, 3), counted(0, 0)], ClaimVerdict::Refuted),
             (vec![counted(3, 3), counted(0, 0)], ClaimVerdict::Partly),

@@ -15,9 +15,11 @@ mod statistics;
 mod tables;
 mod verdict;
 
+#[cfg(test)]
+pub(crate) use self::claim::Number;
 pub use self::{claim::significant, tables::Results};
 pub(crate) use self::{
-    claim::{Circumstance, Claim, ClaimVerdict, Number, claims_csv, verdicts},
+    claim::{Circumstance, Claim, ClaimVerdict, claims_csv, verdicts},
     comparison::Difference,
     contrast::{EQUAL_COUNT, Judged},
     export::{csv_row, write_tables},

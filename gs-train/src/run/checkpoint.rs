@@ -121,8 +121,7 @@ fn parsed<T: FromStr<Err: Display>>(metadata: &BTreeMap<String, String>, key: &s
 /// # Errors
 /// [`Error::Checkpoint`] where it is missing or no such table.
 pub(crate) fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
-    toml::from_str(value(metadata, key)?)
-        .map_err(|e| Error::Checkpoint(format!("its `{key}`: {}", e.message())))
+    toml::from_str(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {}", e.message())))
 }
 
 /// The text that [`table`] reads.

@@ -18,7 +18,6 @@ const CLEARLY: f64 = 0.9;
 /// A policy whose kind is not known.
 const OWN: &str = "the custom policy";
 
-
 /// A finished run's shortfall: it has less than nine tenths of the Gaussians of its budget, or fewer
 /// than all where it should end with exactly as many.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -72,27 +72,34 @@ impl ReductionArgs {
 
     /// Reduces a scene, if that is asked for.
     pub(super) fn reduce(&self, file: &mut File3d, dataset: Option<&Dataset>) -> Result<Option<Reduction>, Failure> {
-    let Some(count) = self.gaussians else { return Ok(None) };
-    let cameras: Vec<Camera> = match dataset {
-        Some(dataset) => dataset.views.iter().map(|view| view.camera).collect(),
-        None => {
-            let Home { camera, target, up } = Home::of(file, Some(RING_SIZE), None)?;
-            Orbit { center: target, axis: up, frames: RING }.cameras(&camera)
+        let Some(count) = self.gaussians else { return Ok(None) };
+        let cameras: Vec<Camera> = match dataset {
+            Some(dataset) => dataset.views.iter().map(|view| view.camera).collect(),
+            None => {
+                let Home { camera, target, up } = Home::of(file, Some(RING_SIZE), None)?;
+                Orbit { center: target, axis: up, frames: RING }.cameras(&camera)
+            }
+        };
+        let rasterizer = self.backend.open()?.rasterizer;
+        let render = self.render.settings(file, dataset);
+        let reduced = limits::reduce(&rasterizer, &file.scene, &cameras, &render, count as usize).block_on()?;
+        let mut psnr = 0.0;
+        for camera in &cameras {
+            let image = |scene| rasterizer.for_3d().render(scene, camera, &render).block_on();
+            let (before, after) = (image(&file.scene)?, image(&reduced.scene)?);
+            psnr += l1_and_psnr(&after, &before)?.1 / cameras.len() as f64;
         }
-    };
-    let rasterizer = self.backend.open()?.rasterizer;
-    let render = self.render.settings(file, dataset);
-    let reduced = limits::reduce(&rasterizer, &file.scene, &cameras, &render, count as usize).block_on()?;
-    let mut psnr = 0.0;
-    for camera in &cameras {
-        let image = |scene| rasterizer.for_3d().render(scene, camera, &render).block_on();
-        let (before, after) = (image(&file.scene)?, image(&reduced.scene)?);
-        psnr += l1_and_psnr(&after, &before)?.1 / cameras.len() as f64;
-    }
-    let from = file.scene.len();
-    file.scene = reduced.scene;
-    let (merged, removed) = (reduced.merged, reduced.removed);
-    Ok(Some(Reduction { from, to: file.scene.len(), merged, removed, cameras: cameras.len(), psnr_against_before: psnr }))
+        let from = file.scene.len();
+        file.scene = reduced.scene;
+        let (merged, removed) = (reduced.merged, reduced.removed);
+        Ok(Some(Reduction {
+            from,
+            to: file.scene.len(),
+            merged,
+            removed,
+            cameras: cameras.len(),
+            psnr_against_before: psnr,
+        }))
     }
 }
 

@@ -12,7 +12,6 @@ use super::{Cameras, Facts, Seen, Subject, SubjectArgs};
 use crate::{failure::Failure, flags::values::whole, memory, terminal::output};
 
 const AFTER_HELP: &str = "\
-
 A 3D scene is seen from the test views of DATASET (from all views if none is held out), or from \
 cameras around it. The flags say which effects are wanted; the default is what 3DGS uses. An \
 effect is required unless it is certain that no pixel of these views changes by more than 1/512 \

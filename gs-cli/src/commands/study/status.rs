@@ -11,7 +11,8 @@ pub(super) fn run(args: &HeldStudyArgs) -> Result<(), Failure> {
     let (folder, plan) = (&held.folder, held.plan_as_prepared()?);
     let ended = folder.ended()?;
     let ended = plan.runs.iter().filter(|run| ended.contains(&run.address)).count();
-    let claimed: Vec<_> = plan.runs.iter().zip(folder.running(&plan)?).filter_map(|(run, by)| Some((run, by?))).collect();
+    let claimed: Vec<_> =
+        plan.runs.iter().zip(folder.running(&plan)?).filter_map(|(run, by)| Some((run, by?))).collect();
     let running = claimed.iter().filter(|(_, by)| by.age.is_some()).count();
     output::result(format_args!(
         "{}: {ended} of {} ended, {running} under way, {} left by processes that died, {} free",

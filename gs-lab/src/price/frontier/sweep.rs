@@ -95,12 +95,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// The reason why a candidate cannot render these views with these settings, if it cannot.
-    fn refusal(
-        &self,
-        candidate: usize,
-        settings: &RenderSettings,
-        views: &[S::View],
-    ) -> Result<Option<String>, Error> {
+    fn refusal(&self, candidate: usize, settings: &RenderSettings, views: &[S::View]) -> Result<Option<String>, Error> {
         for view in views {
             match self.candidates[candidate].renderer.seconds(view, settings) {
                 Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),

@@ -82,7 +82,9 @@ mod tests {
         let has = |svg: &str, style: usize| svg.contains(&format!("<path fill=\"none\" stroke=\"{}\"", color(style)));
         let drawn = draw(&points, &rows(&psnrs), "count < loss");
         assert!((0..3).all(|style| has(&drawn, style)) && drawn.contains("count &lt; loss"), "{drawn}");
-        assert!(drawn.contains(&format!("height=\"{}\"", 3 * HEIGHT)) && drawn.contains(&format!("<svg y=\"{HEIGHT}\"")));
+        assert!(
+            drawn.contains(&format!("height=\"{}\"", 3 * HEIGHT)) && drawn.contains(&format!("<svg y=\"{HEIGHT}\""))
+        );
         let without = draw(&points, &[], "count and loss");
         assert!(without.contains(&format!("height=\"{}\"", 2 * HEIGHT)) && !has(&without, 2), "{without}");
     }

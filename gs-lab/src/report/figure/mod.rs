@@ -23,15 +23,8 @@ pub(crate) const INK: Rgb = [40, 40, 40];
 pub(crate) const GRID: Rgb = [221, 221, 221];
 
 /// Colours of the lines. *Source:* Okabe and Ito 2008, "Color universal design", without black.
-pub(crate) const COLORS: [Rgb; 7] = [
-    [0, 114, 178],
-    [213, 94, 0],
-    [0, 158, 115],
-    [204, 121, 167],
-    [230, 159, 0],
-    [86, 180, 233],
-    [148, 130, 0],
-];
+pub(crate) const COLORS: [Rgb; 7] =
+    [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [230, 159, 0], [86, 180, 233], [148, 130, 0]];
 
 /// Width and height of a figure, px.
 const WIDTH: u32 = 640;
@@ -132,11 +125,6 @@ impl Series {
     pub(crate) fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         let points = points.into_iter().map(|(x, y)| FigurePoint { x, y, low: y, high: y }).collect();
         Self { style: 0, name: name.into(), points, dots: Dots::Last }
-    }
-
-    /// A line with a marker at each point, for few points.
-    pub(crate) fn dotted(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
-        Self { dots: Dots::All, ..Self::line(name, points) }
     }
 }
 
@@ -252,7 +240,10 @@ mod tests {
                     let mut drawn = figure(Marks::Lines(vec![line]));
                     (drawn.x.scale, drawn.y.scale) = (x, y);
                     let svg = drawn.svg_file();
-                    assert!(svg.ends_with("</svg>\n") && !svg.contains("NaN") && !svg.contains("inf"), "{points:?}: {svg}");
+                    assert!(
+                        svg.ends_with("</svg>\n") && !svg.contains("NaN") && !svg.contains("inf"),
+                        "{points:?}: {svg}"
+                    );
                 }
             }
         }

@@ -2,12 +2,10 @@
 
 use maud::{Markup, html};
 
-use crate::{
-    report::{
-        html,
-        page::{Page, words::gaussians},
-        pictures::FULL_SCALE,
-    },
+use crate::report::{
+    html,
+    page::{Page, words::gaussians},
+    pictures::FULL_SCALE,
 };
 
 impl Page<'_> {

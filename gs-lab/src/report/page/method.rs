@@ -136,6 +136,6 @@ impl Page<'_> {
 /// What an arm sets, as in the study's file.
 fn keys(arm: &Arm) -> Option<String> {
     let mut keys = toml::Table::try_from(arm).ok()?;
-    ["name", "about"].map(|key| keys.remove(key));
+    ["name", "about"].iter().for_each(|key| _ = keys.remove(*key));
     Some(keys.to_string()).filter(|text| !text.is_empty())
 }

@@ -36,7 +36,9 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
         return Ok(Outcome::Skipped("no wheel is for this machine; what each holds is right".to_owned()));
     };
     step(python::environment(bench.tools.programs().join("python"), &folder)?.arg(wheel))?;
-    let seen = output(Command::new(python::programs(&folder).join("python")).args(["-X", "dev", "-c", SCRIPT]).current_dir(&folder))?;
+    let seen = output(
+        Command::new(python::programs(&folder).join("python")).args(["-X", "dev", "-c", SCRIPT]).current_dir(&folder),
+    )?;
     Ok(Outcome::Passed(format!(
         "a fit in a fresh environment, {}; the other wheels are complete, but not run",
         seen.trim()
