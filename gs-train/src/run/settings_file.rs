@@ -140,11 +140,13 @@ impl<'a> Unknown<'a> {
     /// The unknown key or name of an error message, if it is about one, at its first place from
     /// `start` on. The message about a table with a `kind` points at the table.
     fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
-        let key = message.strip_prefix("unknown field `").map(|rest| ("key", rest));
-        let (what, rest) = key.or_else(|| Some(("name", message.strip_prefix("unknown variant `")?)))?;
-        let mut names = rest.split('`').step_by(2);
-        let word = names.next()?;
-        let known: Vec<&str> = names.collect();
+        let quoted = |start| message.strip_prefix(start).map(|rest| rest.split('`').step_by(2).collect::<Vec<_>>());
+        // As the toml crate says it of a variant's table.
+        let listed = |rest: &'a str| rest.split(", ").map(|name| name.trim_start_matches("available keys: ")).collect();
+        let key = quoted("unknown field `").or_else(|| message.strip_prefix("unexpected keys in table: ").map(listed));
+        let (what, words) = key.map(|key| ("key", key)).or_else(|| Some(("name", quoted("unknown variant `")?)))?;
+        let (&word, known) = words.split_first()?;
+        let known = known.to_vec();
         let nearest = nearest(word, known.iter().copied());
         let names = if what == "name" { known } else { Vec::new() };
         let mut places = Vec::new();
