@@ -106,13 +106,12 @@ impl FitSettings {
         let target = 2 * IMAGE + of_target(self.loss);
         let needs = self.policy.needs();
         let step = of_step(&self.render, self.loss, needs.statistics);
-        // A policy uses the rendering, weights of all pixels, and their order. Results are drawn
-        // side by side: two renderings, the pictures of the ellipses and of the curve, and what
-        // encodes them.
+        // A policy uses the rendering, weights of all pixels, and their order. Results are two
+        // renderings, one of them with ellipses, and what encodes them.
         let residual = if needs.residual { 2 * PLANE } else { 0 };
         // Weights are kept for the policy and for the backend, beside what they are made from.
         let weights = if self.tune == Tune::Psnr { 0 } else { 3 * WEIGHT };
-        overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual + weights) + self.of_gaussians(pixels)
+        overhead(pixels) + pixels * (target + step + 3 * IMAGE + residual + weights) + self.of_gaussians(pixels)
     }
 
     /// Memory of all Gaussians. Evenly spread over the image, each touches as many tiles of 16

@@ -52,7 +52,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
             dataset => return dataset::print(&dataset?, args.json),
         }
     }
-    let read = files::scene::read(file, Values::Any)?;
+    let read = files::scene::read(file, Values::Checked)?;
     match (&read.scene, &args.measure) {
         (AnyScene::ThreeD(file), Some(measure)) => measure.print(file, args.json),
         (AnyScene::TwoD(_), Some(_)) => {

@@ -57,7 +57,7 @@ fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() 
         assert!(sick.stdout.contains(part), "{part}: {sick:?}");
     }
     assert!(
-        sick.stderr.contains("2 of 10 Gaussians are broken: gs doctor") && sick.stderr.lines().count() == 1,
+        sick.stderr.contains("2 of 10 Gaussians are broken: gs convert") && sick.stderr.lines().count() == 1,
         "{sick:?}"
     );
 
