@@ -2,9 +2,7 @@
 
 use std::{env, path::PathBuf, process::Command};
 
-use crate::system::{
-    Options, built_example, cargo, cargo_program, has_program, install_packages, output, step, workspace,
-};
+use crate::system::{Options, built_example, cargo, cargo_program, install_packages, output, step, workspace};
 
 /// The package of Debian and Ubuntu that holds Mesa's software Vulkan driver.
 const DRIVER: &str = "mesa-vulkan-drivers";
@@ -19,7 +17,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     // A test of gs-backend runs it.
     built_example("window")?;
     let skip: &[&str] = if adapter { &[] } else { &["--", "--skip", NEEDS_ADAPTER] };
-    if has_program("cargo-nextest") {
+    if output(Command::new(cargo_program()).args(["nextest", "--version"])).is_ok() {
         // nextest runs the test programs side by side, but no documentation tests.
         cargo(&[&["nextest", "run", "--workspace", "--lib", "--bins", "--tests"], skip].concat())?;
     } else {

@@ -126,7 +126,7 @@ pub(crate) enum Command {
     Profile(Box<ProfileArgs>),
     /// Show which effects a scene requires, and what each one costs and changes
     Effects(Box<EffectsCommandArgs>),
-    /// Measure what accuracy costs in time, and choose settings for a limit on error or time
+    /// Measure what accuracy costs in time
     Frontier(Box<FrontierArgs>),
     /// Measure how much a 3D scene flickers while the camera moves, in both orders of blending
     Popping(Box<PoppingArgs>),

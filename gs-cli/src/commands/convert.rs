@@ -143,8 +143,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         losses.extend((widened > 0).then_some(ConversionLoss::ZeroScales { gaussians: widened }));
         beyond_format = drop_beyond_format(&mut file.scene, &args.to, &options(args, file.trained_with));
         if file.scene.is_empty() && all > 0 {
-            let message = format_args!("none of {} can be drawn and stored in this format", counted(all, "Gaussian"));
-            return Err(Failure::failed(message).at(args.to.display()));
+            return Err(none_is_left(all, &args.to));
         }
     }
     file.trained_with = args.reduction.render.trained_with(file.trained_with);
@@ -208,6 +207,12 @@ fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
         s.coordinates = args.frame;
         s.spz_version = args.spz_version;
     })
+}
+
+/// The failure where `--drop-broken` leaves nothing of so many Gaussians.
+fn none_is_left(all: usize, to: &Path) -> Failure {
+    let message = format_args!("none of {} can be drawn and stored in this format", counted(all, "Gaussian"));
+    Failure::failed(message).at(to.display()).hint("make the scene again; gs doctor says what is broken in it")
 }
 
 fn text(conversion: &Conversion) -> String {

@@ -21,6 +21,7 @@ A broken Gaussian draws nothing, or keeps the scene from being read. A doubtful 
 probably not as intended. gs convert SCENE OUT --drop-broken writes a copy whose broken Gaussians are \
 repaired or left out, and whose others stay as they are: bit for bit in PLY and .gs2d.safetensors, \
 otherwise as exactly as the format allows.
+
 Exit status: 0 nothing is broken; 1 something is broken, or the scene cannot be read; 2 bad usage.";
 
 /// The flags of `gs doctor`.

@@ -37,13 +37,10 @@ The experiments:
   lazy-convergence  the absolute threshold, forced growth, and why no threshold is universal
   instability       what the paper's clamp of scales at 1 px costs
   edges             where the Gaussians stand, and how they are stretched
-  popping           orders of blending under a moving camera, in 3D
 
-DIR then holds index.html, which needs no other file and no network; claims.csv, every claim with \
-its verdict and numbers; and a folder for each experiment. All but popping are studies that come \
-with the program, and their folders are those of gs study, with tables, curves and a report each. \
-Measurements that no study contains are saved in the same folders as CSV, SVG and PNG files. \
-Verdicts are computed from the measurements. The same backend gives the same numbers each time. \
+They are studies that come with the program. DIR then holds index.html, which needs no other file \
+and no network; claims.csv, every claim with its verdict and numbers; and a folder for each study, \
+as gs study makes it, with tables, curves and a report. Verdicts are computed from the measurements. The same backend gives the same numbers each time. \
 Run the same command again to continue one that was stopped.";
 
 /// The flags of `gs paper`.

@@ -5,7 +5,7 @@ mod dropout;
 
 pub use self::{choice::Choice, dropout::Dropout};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
@@ -144,6 +144,7 @@ pub struct RenderSettings {
     /// Approximations.
     pub accuracy: Accuracy,
     /// Background colour, used where `effects.background` is [`Background::Solid`].
+    #[serde(deserialize_with = "three")]
     pub background: [f32; 3],
     /// Depth, in world units, from which gradients count fully in
     /// [`Statistics::PixelGradient`](crate::effects::Statistics::PixelGradient): see
@@ -164,6 +165,13 @@ pub struct RenderSettings {
     /// backends may refuse it. Default: no. Images do not depend on it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub camera_gradient: bool,
+}
+
+/// Exactly three numbers: readers of TOML overlook what follows them.
+fn three<'de, D: Deserializer<'de>>(source: D) -> Result<[f32; 3], D::Error> {
+    let numbers = Vec::<f32>::deserialize(source)?;
+    let count = numbers.len();
+    numbers.try_into().map_err(|_| D::Error::custom(format_args!("expected 3 values, found {count}")))
 }
 
 /// Settings files leave out default values.

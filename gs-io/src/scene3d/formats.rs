@@ -105,6 +105,7 @@ const FORMATS: &[Row] = &[
         ending: Some(streamed::META),
         recognises: |start, path| gltf::recognises(start) && has_name(path, streamed::META),
         read: |source, _| StreamedSog::parse(source)?.read_finest(),
+        encode: |write| Err(Error::unsupported(write.path, "a streamed SOG in memory", "write it with write_3d")),
         beside: |path, _| streamed::chunk_files(path),
         memory: 14,
         ..ROW

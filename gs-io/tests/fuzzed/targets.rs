@@ -19,7 +19,7 @@ pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
 /// corpus's folders.
-pub const TARGETS: [(&str, Target); 13] = [
+pub const TARGETS: [(&str, Target); 14] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),

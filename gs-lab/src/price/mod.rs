@@ -6,7 +6,7 @@
 //!
 //! - [`effect_prices`]: which effects a scene requires, and what each costs and changes;
 //!   [`training_prices`] asks that of corrections in a training.
-//! - [`Search`]: which settings are the quickest for an error, over all settings and machines.
+//! - [`Search`]: what each setting costs in time and error, on every machine.
 //! - [`popping_prices`]: how much colours jump while the camera moves.
 //! - [`stage_prices`]: where the time of a training step goes.
 //!

@@ -57,10 +57,14 @@ pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Err
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
 fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
     toml::from_str(text).map_err(|error| {
-        let start = error.span().map_or(0, |span| span.start);
+        let span = error.span().unwrap_or(0..0);
+        let start = span.start;
         match Unknown::of(error.message(), text, start) {
             Some(unknown) => (unknown.start, unknown.to_string()),
-            None => (start, error.message().to_owned()),
+            None if text.get(span).is_some_and(|value| value.parse::<toml::value::Datetime>().is_ok()) => {
+                (start, "no setting is a date: put a text in quotes".to_owned())
+            }
+            None => (start, error.message().replace("wanted string or table", "expected a name in quotes, or a table")),
         }
     })
 }
@@ -142,7 +146,10 @@ impl<'a> Unknown<'a> {
     fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
         let quoted = |start| message.strip_prefix(start).map(|rest| rest.split('`').step_by(2).collect::<Vec<_>>());
         // As the toml crate says it of a variant's table.
-        let listed = |rest: &'a str| rest.split(", ").map(|name| name.trim_start_matches("available keys: ")).collect();
+        let listed = |rest: &'a str| {
+            let (found, known) = rest.split_once(", available keys: ").unwrap_or((rest, ""));
+            found.split(", ").take(1).chain(known.split(", ")).collect()
+        };
         let key = quoted("unknown field `").or_else(|| message.strip_prefix("unexpected keys in table: ").map(listed));
         let (what, words) = key.map(|key| ("key", key)).or_else(|| Some(("name", quoted("unknown variant `")?)))?;
         let (&word, known) = words.split_first()?;
@@ -223,6 +230,15 @@ mod tests {
 
     fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
         parse_settings(text, "settings.toml".as_ref()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn values_of_the_wrong_form_say_what_is_expected() {
+        let error = |text: &str| parse::<gs_core::RenderSettings>(text).unwrap_err();
+        assert_eq!(error("background = [1, 1, 1, 0.5]"), "settings.toml:1: expected 3 values, found 4");
+        assert_eq!(error("\nfull-depth = 1979-05-27"), "settings.toml:2: no setting is a date: put a text in quotes");
+        let kind = error("\n\n[effects]\nblend = 3");
+        assert!(kind.contains(":4: ") && kind.contains("a name in quotes"), "{kind}");
     }
 
     /// Misspells each key in turn, and expects it to be named, with its table and the right key.

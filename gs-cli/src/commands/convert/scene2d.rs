@@ -12,7 +12,7 @@ use gs_io::{ConversionLoss, File2d, SCENE_EXTENSION, write_2d, write_ply};
 use gs_train::{Viewable, viewable};
 use serde::Serialize;
 
-use super::ConvertArgs;
+use super::{ConvertArgs, none_is_left};
 use crate::{failure::Failure, files::scene::is_scene_2d, flags::backend::BackendArgs, memory, terminal::output};
 
 /// What `gs convert --json` prints of a 2D scene.
@@ -47,7 +47,11 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: 
     let mut lost: Vec<String> = has_alpha.then(|| "alpha: the picture is on white".to_owned()).into_iter().collect();
     let mut dropped = 0;
     if args.drop_broken {
+        let all = file.scene.len();
         let Repair { removed, widened, .. } = examination::repair(&mut file.scene)?;
+        if file.scene.is_empty() && all > 0 {
+            return Err(none_is_left(all, &args.to));
+        }
         dropped = removed;
         lost.extend((widened > 0).then(|| ConversionLoss::ZeroScales { gaussians: widened }.to_string()));
     }

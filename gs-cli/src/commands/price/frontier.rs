@@ -25,7 +25,7 @@ const AFTER_HELP: &str = "\
 A 3D scene is seen from views of --dataset, or from an orbit around it.
 
 Every setting is measured alone: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
-every SIMD level and one thread; on a GPU every kind of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
+every SIMD level and one thread; on a GPU every kind of kernel. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
 two settings: their difference is the noise, and smaller differences are `no difference`. The \
 error is that of the worst channel of any pixel, not clamped, against the 64-bit oracle without \
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \

@@ -165,7 +165,8 @@ impl Drawing {
 
     /// Text that starts, ends or is centred at a place, as `anchor` says, and lies `down` letters below it.
     fn text(&mut self, text: &str, (x, y): Place, size: f64, (anchor, down): (&str, f64)) {
-        let text = html! { (text) }.into_string();
+        // XML has no control characters, and a file's name may have them.
+        let text = html! { (text.replace(char::is_control, "\u{fffd}")) }.into_string();
         self.add(&format!(
             "<text x=\"{x:.1}\" y=\"{y:.1}\" dy=\"{down}em\" font-size=\"{size}\" text-anchor=\"{anchor}\" fill=\"{}\">{text}</text>",
             hex(INK)

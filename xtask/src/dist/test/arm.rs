@@ -15,8 +15,8 @@ const TRIPLE: &str = "aarch64-unknown-linux-gnu";
 
 /// The tests of gs-conformance that compare the CPU backend with the oracle, and numbers of threads.
 const TESTS: [&str; 3] = [
-    "cpu::conforms_with_two_threads",
-    "cpu_3d::conforms_with_two_threads",
+    "cpu::conforms_at_the_best_level",
+    "cpu_3d::conforms_at_the_best_level",
     "cpu::images_and_gradients_have_the_same_bits_for_every_number_of_threads",
 ];
 
