@@ -223,14 +223,14 @@ impl Photographs {
     }
 }
 
-/// Name, size and time of a file.
+/// Name, size (bytes) and time (ms) of a file.
 pub(crate) type Identity = (String, u64, u64);
 
 /// The identity of a file, by a name for it.
 pub(crate) fn identity(name: &str, path: &Path) -> Identity {
     let metadata = fs::metadata(path).ok();
     let time = metadata.as_ref().and_then(|metadata| metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok());
-    (name.to_owned(), metadata.map_or(0, |metadata| metadata.len()), time.map_or(0, |time| time.as_secs()))
+    (name.to_owned(), metadata.map_or(0, |metadata| metadata.len()), time.map_or(0, |time| time.as_millis() as u64))
 }
 
 /// A name without its ending and in lower case: files of the same are versions of one photograph.
