@@ -172,7 +172,7 @@ impl Info {
             rows.push(("background", format!("{:?}", render.background_color())));
         }
         if self.alpha {
-            rows.push(("alpha", "yes; the values here are those of the picture on white".to_owned()));
+            rows.push(("alpha", "yes; these are values of the picture on white".to_owned()));
         }
         if let Some(Profile { name, bytes }) = &self.profile {
             rows.push(("profile", format!("{name}, {}", counted(*bytes, "byte"))));

@@ -17,7 +17,7 @@ pub struct CurvePoint {
     pub loss: f32,
 }
 
-/// Draws the curves under a title, as an SVG file; the PSNR is that of the rows of a log. Without a
+/// Draws the curves under a title, as an SVG file, with the PSNR of a log's rows. Without a
 /// finite PSNR its figure is left out.
 pub fn draw(points: &[CurvePoint], rows: &[MetricsRow], title: &str) -> String {
     let counts = points.iter().map(|p| (f64::from(p.step), f64::from(p.count))).collect();

@@ -101,7 +101,7 @@ fn refused_features_are_skipped_not_passed() {
 }
 
 #[test]
-#[ignore = "slow: the oracle is dense"]
+#[ignore = "slow: the oracle is dense; `cargo xtask test --slow` runs it"]
 fn the_oracle_passes_what_it_does_not_refuse() {
     let skipped = conformance_3d(&Faulty(RefusesPixelGradients)).unwrap();
     let messages: Vec<String> = skipped.iter().map(Skipped::to_string).collect();
