@@ -2,7 +2,7 @@
 // files, asked, and compared with the program gs.
 //
 // The arguments of the command are BROWSER PAGE GS PLACE: the browser, the folder of the page, the
-// program, and a folder with node_modules where files and screenshots are kept.
+// program, and a folder with node_modules where screenshots are kept.
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
@@ -14,9 +14,8 @@ import { decoded } from "./png.mjs";
 
 export const [browserName, pageFolder, program, place] = process.argv.slice(2);
 const puppeteer = createRequire(path.resolve(place, "x.js"))("puppeteer-core");
-const files = path.join(path.resolve(place), "files");
-fs.rmSync(files, { recursive: true, force: true });
-fs.mkdirSync(files, { recursive: true });
+// Two processes may test different parts at a time.
+const files = fs.mkdtempSync(path.join(path.resolve(place), "files-"));
 
 /** The path of a file of the tests. */
 export const at = (name) => path.join(files, name);
@@ -52,6 +51,7 @@ const browser = await launch("--enable-unsafe-webgpu");
 export async function close() {
   await browser.close();
   server.close();
+  fs.rmSync(files, { recursive: true, force: true });
 }
 
 /** A page whose engine is ready; `complaints` are its console's errors. `before` runs in the page first. */

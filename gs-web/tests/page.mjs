@@ -1,7 +1,7 @@
 // Tests the built page in headless Chromium, and compares what it computes with the program gs.
 //
-// node page.mjs BROWSER PAGE GS PLACE [NAME]: as in browser.mjs; with NAME, a regular expression, only
-// the tests whose name matches it.
+// node page.mjs BROWSER PAGE GS PLACE [PARTS [NAME]]: as in browser.mjs; only the tests of PARTS, as in
+// `fit,view`, and only those whose name matches NAME, a regular expression.
 
 import { close } from "./browser.mjs";
 import * as fit from "./fit.mjs";
@@ -11,5 +11,6 @@ import * as threads from "./threads.mjs";
 import * as trouble from "./trouble.mjs";
 import * as view from "./view.mjs";
 
-const tests = Object.assign({}, ...[fit, threads, view, trouble, serve].map(({ tests }) => tests));
-await runTests(tests, process.argv[6], close);
+const all = { fit, threads, view, trouble, serve };
+const [parts = Object.keys(all).join(), name] = process.argv.slice(6);
+await runTests(Object.assign({}, ...parts.split(",").map((part) => all[part].tests)), name, close);

@@ -22,7 +22,7 @@ Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
        cargo xtask poses [--test] [--install]
        cargo xtask python [--test] [--install]
-       cargo xtask web [--package] [--test] [--install]
+       cargo xtask web [--package] [--test] [--slow] [--install]
        cargo xtask dist [--test] [--install]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
@@ -69,6 +69,8 @@ Options:
   --test     instead test a page that is built without optimising what does not compute, in headless
              Chromium and against the program, in target/web-test, where screenshots are kept.
              Without node, npm and Chromium, nothing is checked
+  --slow     with --test, also build the WebAssembly for one thread, as a release has it; otherwise
+             that for several threads stands in for it
   --install  install the target and the component, and put the page where a gs of cargo install finds
              it, into share/gs/page of cargo's folder; with --test or --package install Debian's
              chromium, nodejs and npm, and packages of npm
@@ -102,7 +104,7 @@ fn main() -> ExitCode {
         "cluster" => (cluster::run, &["--install"]),
         "poses" => (poses::run, &["--test", "--install"]),
         "python" => (python::run, &["--test", "--install"]),
-        "web" => (web::run, &["--package", "--test", "--install"]),
+        "web" => (web::run, &["--package", "--test", "--slow", "--install"]),
         "dist" => (dist::run, &["--test", "--install"]),
         other => return failed(&format!("unknown command {other}: see cargo xtask help"), 2),
     };

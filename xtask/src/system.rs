@@ -15,7 +15,7 @@ pub(crate) struct Options {
     pub(crate) install: bool,
     /// Test.
     pub(crate) test: bool,
-    /// Also run the tests marked `#[ignore]`, in the release profile.
+    /// Also run what takes long: tests marked `#[ignore]`, and the page's WebAssembly for one thread.
     pub(crate) slow: bool,
     /// The npm package instead of the page.
     pub(crate) package: bool,

@@ -6,6 +6,7 @@ use std::{
     env, fs, io,
     path::{Path, PathBuf},
     process::Command,
+    thread,
 };
 
 use crate::system::{
@@ -40,6 +41,10 @@ const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
 
 /// Builds the page into `target/page`, or tests one that was built without optimising what does not
 /// compute, which takes half the time; or builds the npm package into `target/web-package`.
+///
+/// Only with `--slow`, the page under test has a WebAssembly of its own for one thread, as the page of a
+/// release has. Otherwise that for several threads stands in for it, in one thread: Chromium allows its
+/// shared memory on every page, Safari on isolated ones alone.
 pub(crate) fn run(options: Options) -> Result<(), String> {
     let target = target();
     if options.install {
@@ -53,7 +58,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
         return if options.test { test_package(&archive, built_program, options.install).map(drop) } else { Ok(()) };
     }
     if options.test {
-        return test(&target, options.install);
+        return test(&target, options);
     }
     let page = built_page()?;
     match installed_page().filter(|_| options.install) {
@@ -65,7 +70,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 /// Builds the page into `target/page`, and returns the folder.
 pub(crate) fn built_page() -> Result<PathBuf, String> {
     let page = target().join("page");
-    build(&target(), "web", "release", &page)?;
+    build(&target(), "web", "release", &page, false)?;
     eprintln!("built {}", page.display());
     Ok(page)
 }
@@ -94,13 +99,17 @@ pub(crate) fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Builds the page with a profile of the workspace, by a tool that is built with a profile of its own.
-fn build(target: &Path, profile: &str, tool_profile: &str, page: &Path) -> Result<(), String> {
-    let wasm = compile(target, profile, RUSTFLAGS, |wasm| wasm)?;
+/// Builds the page with a profile of the workspace, by a tool that is built with a profile of its own. With
+/// `threads_alone`, one WebAssembly is built where threads are possible, instead of two.
+fn build(target: &Path, profile: &str, tool_profile: &str, page: &Path, threads_alone: bool) -> Result<(), String> {
     let threaded = has_std_sources().then(|| compile_threaded(target, profile)).transpose()?;
     if threaded.is_none() {
         eprintln!("skipped: threads: rustup component add {STD_SOURCES}, or --install; the page has one thread");
     }
+    let wasm = match &threaded {
+        Some(threaded) if threads_alone => threaded.clone(),
+        _ => compile(target, profile, RUSTFLAGS, |wasm| wasm)?,
+    };
     step(tool(target, tool_profile).arg(wasm).arg("gs-web/page").arg(page).args(threaded))
 }
 
@@ -222,15 +231,21 @@ fn install_packages_of_npm(from: &Path, to: &Path) -> Result<(), String> {
 }
 
 /// Runs the tests in a browser.
-fn test(target: &Path, install: bool) -> Result<(), String> {
-    let Some(Driver { browser, place }) = Driver::found("the page in a browser", install)? else { return Ok(()) };
+fn test(target: &Path, options: Options) -> Result<(), String> {
+    let driver = Driver::found("the page in a browser", options.install)?;
+    let Some(Driver { browser, place }) = driver else { return Ok(()) };
     let (page, tests) = (place.join("page"), workspace().join("gs-web/tests"));
-    build(target, "dev", "dev", &page)?;
+    build(target, "dev", "dev", &page, !options.slow)?;
     let gs = built_program()?;
     step(Command::new("node").arg(tests.join("sog.mjs")).arg(&gs).arg(&place))?;
-    let mut node = Command::new("node");
-    node.arg(tests.join("page.mjs")).arg(browser).args([&page, &gs, &place]).env("GS_PAGE", &page);
-    step(&mut node)
+    // Most of the tests compute in one thread: two processes use two cores.
+    let halves = ["fit,threads", "view,trouble,serve"].map(|parts| {
+        let mut node = Command::new("node");
+        node.arg(tests.join("page.mjs")).arg(browser).args([&page, &gs, &place]).arg(parts).env("GS_PAGE", &page);
+        thread::spawn(move || step(&mut node))
+    });
+    let ended = halves.map(|half| half.join().map_err(|_| "a test process could not be watched".to_owned()).flatten());
+    ended.into_iter().collect()
 }
 
 #[cfg(test)]
