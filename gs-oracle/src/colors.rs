@@ -6,17 +6,17 @@ use gs_core::{
     effects::{Blend, Order},
 };
 
-use super::{Oracle, OracleView, Projection, Splat};
+use super::{Oracle, Projection, Splat};
 
-impl<V: OracleView> Oracle<V> {
+impl Oracle {
     /// The unclamped colours of the pixels in these columns and rows.
     ///
     /// `projected` is the result of [`Self::project`].
-    pub fn colors_at(&self, projected: &[Projection<V::Splat>], pixels: &[[u32; 2]]) -> Vec<[f64; 3]> {
+    pub fn colors_at(&self, projected: &[Projection], pixels: &[[u32; 2]]) -> Vec<[f64; 3]> {
         pixels.iter().map(|&[x, y]| self.color(projected, [f64::from(x) + 0.5, f64::from(y) + 0.5])).collect()
     }
 
-    fn color(&self, projected: &[Projection<V::Splat>], p: [f64; 2]) -> [f64; 3] {
+    fn color(&self, projected: &[Projection], p: [f64; 2]) -> [f64; 3] {
         let RenderSettings { effects, accuracy, .. } = &self.settings;
         let background = self.settings.background_color().map(f64::from);
         let over = effects.blend == Blend::Over;
@@ -35,7 +35,7 @@ impl<V: OracleView> Oracle<V> {
                 [0, 1, 2].map(|k| color[k] + w * shown[k])
             });
         }
-        let mut seen: Vec<(f64, &V::Splat, f64)> =
+        let mut seen: Vec<(f64, &Box<dyn Splat>, f64)> =
             seen.map(|(splat, value)| (splat.depth(p, effects.order).value, splat, value)).collect();
         if effects.order != Order::Index {
             seen.sort_by(|a, b| a.0.total_cmp(&b.0)); // Stable: ties by index.

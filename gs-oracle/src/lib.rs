@@ -22,14 +22,15 @@ mod splat;
 mod statistics;
 mod view_gradients;
 
-use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, check_same_size, effects::Blend};
+use std::sync::Arc;
+
+use gs_core::{CullCause, Culled, Error, Image, Loss, RenderSettings, check_same_size, effects::Blend};
 
 pub use self::{
     least_squares::best_colors,
     parameters::{COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D},
-    perspective::{MovedCamera, Splat3d},
+    perspective::MovedCamera,
     rounded::Rounded,
-    scene2d::Splat2d,
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
     view_gradients::ViewGradients,
@@ -49,9 +50,9 @@ pub const ROUNDINGS: f64 = 24.0;
 pub const NEAR_CUT: f64 = 1e-3;
 
 /// Renders scenes through one view with one set of settings, and differentiates the result.
-#[derive(Debug, Clone, Copy)]
-pub struct Oracle<V = Canvas> {
-    view: V,
+#[derive(Debug, Clone)]
+pub struct Oracle {
+    view: Arc<dyn OracleView>,
     settings: RenderSettings,
 }
 
@@ -104,21 +105,16 @@ impl Rendering {
     }
 }
 
-impl<V: OracleView> Oracle<V> {
+impl Oracle {
     /// An oracle for one view.
     ///
     /// # Errors
     /// [`Error::Size`] or [`Error::Setting`] for an invalid view or settings;
     /// [`Error::Unsupported`] for effects without a definition here.
-    pub fn new(view: V, settings: RenderSettings) -> Result<Self, Error> {
+    pub fn new(view: impl OracleView, settings: RenderSettings) -> Result<Self, Error> {
         settings.validate()?;
         view.check(&settings)?;
-        Ok(Self { view, settings })
-    }
-
-    /// The view.
-    pub fn view(&self) -> V {
-        self.view
+        Ok(Self { view: Arc::new(view), settings })
     }
 
     /// The settings.
@@ -139,11 +135,11 @@ impl<V: OracleView> Oracle<V> {
     }
 
     /// The projection of each Gaussian, or the reason why it is culled; `[N]`.
-    pub fn project(&self, scene: &OracleScene) -> Vec<Projection<V::Splat>> {
+    pub fn project(&self, scene: &OracleScene) -> Vec<Projection> {
         self.projected(scene, Lean::Exact).collect()
     }
 
-    fn projected<'a>(&'a self, scene: &'a OracleScene, lean: Lean) -> impl Iterator<Item = Projection<V::Splat>> + 'a {
+    fn projected<'a>(&'a self, scene: &'a OracleScene, lean: Lean) -> impl Iterator<Item = Projection> + 'a {
         let dropout = &self.settings.dropout;
         (0..).zip(&scene.gaussians).map(move |(index, g)| match dropout.leaves_out(index) {
             true => Projection::Left(CullCause::Transparent),
@@ -170,7 +166,7 @@ impl<V: OracleView> Oracle<V> {
         let value = |width, image: &[_]| loss::value(loss, width, image, target);
         let slopes =
             |width, image: &[_], rounding: &[_], lean| loss::slopes(loss, width, image, rounding, target, lean);
-        Ok(self.differentiate(scene, value, slopes))
+        Ok(self.differentiate(scene, &value, &slopes))
     }
 
     /// The gradients of a loss L with ∂L/∂image = `v_image`, `[H, W, 3]`; the loss is returned as 0.
@@ -182,7 +178,7 @@ impl<V: OracleView> Oracle<V> {
         let v_color: Vec<[f64; 3]> = v_image.pixels().iter().map(|v| v.map(f64::from)).collect();
         let v_rounding = vec![[0.0; 3]; v_color.len()];
         let given = LossSlopes { v_color, v_rounding };
-        Ok(self.differentiate(scene, |_, _| 0.0, |_, _, _, _| given.clone()))
+        Ok(self.differentiate(scene, &|_, _| 0.0, &|_, _, _, _| given.clone()))
     }
 
     /// Gradients of a loss with a value of (columns, image) and slopes of (columns, image, its
@@ -190,8 +186,8 @@ impl<V: OracleView> Oracle<V> {
     fn differentiate(
         &self,
         scene: &OracleScene,
-        value: impl Fn(usize, &[[f64; 3]]) -> f64,
-        slopes: impl Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossSlopes,
+        value: &dyn Fn(usize, &[[f64; 3]]) -> f64,
+        slopes: &dyn Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossSlopes,
     ) -> Gradients {
         let exact = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &exact);
@@ -201,7 +197,8 @@ impl<V: OracleView> Oracle<V> {
         let projected = self.project(scene);
         let chain = Chain::of(&projected, scene);
         let by_view = Chain::of_view(&projected);
-        let (mut view, mut view_rounding) = (ViewGradients::zeros(V::NUMBERS), vec![vec![0.0; V::NUMBERS]; count]);
+        let (mut view, mut view_rounding) =
+            (ViewGradients::zeros(self.view.numbers()), vec![vec![0.0; self.view.numbers()]; count]);
         let mut shares = vec![[0.0; 9]; count];
         let mut rounding: Vec<Parameters> = scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect();
         let (mut loss_rounding, mut loss_flip) = (0.0, 0.0);
@@ -263,7 +260,7 @@ impl<V: OracleView> Oracle<V> {
             Projection::Drawable(splat) => Some(splat),
             Projection::Left(_) => None,
         };
-        let drawable: Vec<Option<V::Splat>> = self.projected(scene, lean).map(drawable).collect();
+        let drawable: Vec<Option<Box<dyn Splat>>> = self.projected(scene, lean).map(drawable).collect();
         let (width, height) = self.view.size();
         let centers = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
         centers
@@ -312,7 +309,7 @@ struct Chain {
 }
 
 impl Chain {
-    fn of<T: Splat>(projected: &[Projection<T>], scene: &OracleScene) -> Self {
+    fn of(projected: &[Projection], scene: &OracleScene) -> Self {
         let jacobians = projected.iter().zip(&scene.gaussians).map(|(projection, g)| match projection {
             Projection::Drawable(splat) => splat.jacobian(),
             Projection::Left(_) => vec![[Rounded::ZERO; 9]; g.len()],
@@ -320,7 +317,7 @@ impl Chain {
         Self { jacobians: jacobians.collect() }
     }
 
-    fn of_view<T: Splat>(projected: &[Projection<T>]) -> Self {
+    fn of_view(projected: &[Projection]) -> Self {
         let jacobians = projected.iter().map(|projection| match projection {
             Projection::Drawable(splat) => splat.view_jacobian(),
             Projection::Left(_) => Vec::new(),

@@ -43,9 +43,9 @@ struct Touch {
 }
 
 /// A Gaussian that may contribute to a pixel.
-struct Candidate<'s, T> {
+struct Candidate<'s> {
     index: usize,
-    splat: &'s T,
+    splat: &'s dyn Splat,
     exponent: Exponent,
     weight: f64,
     /// o·w.
@@ -74,7 +74,7 @@ pub(crate) struct Pixel {
 
 impl Pixel {
     /// Blends all Gaussians at the pixel centre `p`, in the order of the settings.
-    pub(crate) fn blend<T: Splat>(splats: &[Option<T>], p: [f64; 2], settings: &RenderSettings, lean: Lean) -> Self {
+    pub(crate) fn blend(splats: &[Option<Box<dyn Splat>>], p: [f64; 2], settings: &RenderSettings, lean: Lean) -> Self {
         let background = settings.background_color().map(f64::from);
         let mut pixel = Self {
             touches: Vec::new(),
@@ -97,7 +97,7 @@ impl Pixel {
     }
 
     /// C = background + Σ w c, w cut.
-    fn sum<T: Splat>(&mut self, splats: &[Option<T>], p: [f64; 2], accuracy: &Accuracy, lean: Lean) {
+    fn sum(&mut self, splats: &[Option<Box<dyn Splat>>], p: [f64; 2], accuracy: &Accuracy, lean: Lean) {
         self.color = self.background;
         self.rounding = self.background.map(|b| F32_ROUNDING * b.abs());
         for (index, splat) in splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s))) {
@@ -131,7 +131,7 @@ impl Pixel {
     }
 
     /// C = Σ T α c + T background, front to back, until the pixel is full.
-    fn over<T: Splat>(&mut self, candidates: &[Candidate<'_, T>], accuracy: &Accuracy, lean: Lean) {
+    fn over(&mut self, candidates: &[Candidate<'_>], accuracy: &Accuracy, lean: Lean) {
         let (alpha_max, minimum) = (f64::from(accuracy.alpha_max), f64::from(accuracy.transmittance_min));
         let mut brightest = self.background.map(f64::abs);
         for candidate in candidates {
@@ -334,13 +334,21 @@ impl Pixel {
 }
 
 /// All Gaussians that may survive the cut at the pixel centre `p`, in the order of the scene.
-fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Accuracy) -> Vec<Candidate<'s, T>> {
+fn candidates<'s>(splats: &'s [Option<Box<dyn Splat>>], p: [f64; 2], accuracy: &Accuracy) -> Vec<Candidate<'s>> {
     let there = splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s)));
     let all = there.map(|(index, splat)| {
         let (exponent, seen) = (splat.exponent(p), splat.appearance());
         let weight = (-exponent.sigma).exp();
         let rounding = exponent.rounding + seen.opacity_rounding + OPERATIONS * F32_ROUNDING;
-        Candidate { index, splat, exponent, weight, value: seen.opacity * weight, rounding, tied: false }
+        Candidate {
+            index,
+            splat: splat.as_ref(),
+            exponent,
+            weight,
+            value: seen.opacity * weight,
+            rounding,
+            tied: false,
+        }
     });
     all.filter(|c| {
         let cut = f64::from(accuracy.alpha_cut);
@@ -352,11 +360,11 @@ fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Acc
 
 /// Sorts the candidates and marks neighbours whose order is within rounding. With a `lean`, these
 /// are reversed.
-fn arrange<T: Splat>(candidates: &mut Vec<Candidate<'_, T>>, p: [f64; 2], order: Order, lean: Lean) {
+fn arrange(candidates: &mut Vec<Candidate<'_>>, p: [f64; 2], order: Order, lean: Lean) {
     if order == Order::Index {
         return;
     }
-    let mut by_depth: Vec<(Depth, Candidate<'_, T>)> =
+    let mut by_depth: Vec<(Depth, Candidate<'_>)> =
         candidates.drain(..).map(|c| (c.splat.depth(p, order), c)).collect();
     by_depth.sort_by(|(a, _), (b, _)| a.value.total_cmp(&b.value)); // Stable: ties by index.
     for i in 1..by_depth.len() {

@@ -23,7 +23,7 @@ const TURNING: f64 = 1.0 / 64.0;
 
 /// A projected 2D Gaussian, px. Its share is by its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Splat2d {
+pub(crate) struct Splat2d {
     /// Centre, px.
     center: [f64; 2],
     /// Uncertainty of the centre in `f32`, px.
@@ -44,10 +44,13 @@ pub struct Splat2d {
 }
 
 impl OracleView for Canvas {
-    type Splat = Splat2d;
+    fn has_depth(&self) -> bool {
+        false
+    }
 
-    const HAS_DEPTH: bool = false;
-    const NUMBERS: usize = 0;
+    fn numbers(&self) -> usize {
+        0
+    }
 
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.validate()?;
@@ -70,7 +73,7 @@ impl OracleView for Canvas {
         [f64::from(self.extent.x) / 2.0, f64::from(self.extent.y) / 2.0]
     }
 
-    fn project(&self, g: &[f64], settings: &RenderSettings, _: Lean) -> Projection<Splat2d> {
+    fn project(&self, g: &[f64], settings: &RenderSettings, _: Lean) -> Projection {
         let finite_in_f32 = |v: f64| v.abs() <= f64::from(f32::MAX); // NaN fails
         let all_but_logit = g.iter().enumerate().filter(|&(i, _)| i != OPACITY).all(|(_, &v)| finite_in_f32(v));
         if !all_but_logit || g[OPACITY].is_nan() {
@@ -114,7 +117,7 @@ impl OracleView for Canvas {
             [whole - first, whole - second, -turned, Rounded::exact(1.0 - stored)]
                 .map(|by| Rounded::exact(opacity) * by)
         });
-        Projection::Drawable(Splat2d {
+        Projection::Drawable(Box::new(Splat2d {
             center,
             center_rounding: [0, 1]
                 .map(|i| F32_ROUNDING * (center[i].abs() + (g[i].abs() + origin[i].abs()) * zoom[i])),
@@ -132,7 +135,7 @@ impl OracleView for Canvas {
                 color_rounding: [0.0; 3],
                 undecided: false,
             },
-        })
+        }))
     }
 }
 
@@ -230,7 +233,7 @@ mod tests {
 
     use super::*;
 
-    fn projected(log_scales: [f64; 2], rotation: f64) -> Projection<Splat2d> {
+    fn projected(log_scales: [f64; 2], rotation: f64) -> Projection {
         let g = [4.0, 4.0, log_scales[0], log_scales[1], rotation, 0.0, 1.0, 1.0, 1.0];
         Canvas::new(8, 8).project(&g, &RenderSettings::default(), Lean::Exact)
     }
@@ -241,7 +244,7 @@ mod tests {
         // beyond f32 from s₁ = e^22.5 on, ½ s₁² from e^44.7 on, and det Σ′ from e^64.3 on.
         assert!(matches!(projected([22.0, -20.0], FRAC_PI_4), Projection::Drawable(_)));
         for long in [23.0, 43.0] {
-            assert_eq!(projected([long, -20.0], FRAC_PI_4), Projection::Left(CullCause::NotFinite));
+            assert!(matches!(projected([long, -20.0], FRAC_PI_4), Projection::Left(CullCause::NotFinite)));
         }
     }
 

@@ -18,15 +18,12 @@ pub(crate) const OPACITY_SHARE: usize = 5;
 pub(crate) const COLOR_SHARE: usize = 6;
 
 /// A canvas or a camera.
-pub trait OracleView: Copy + Debug + Send + Sync {
-    /// A projected Gaussian.
-    type Splat: Splat + Send + Sync;
-
+pub trait OracleView: Debug + Send + Sync + 'static {
     /// Whether Gaussians have depths.
-    const HAS_DEPTH: bool;
+    fn has_depth(&self) -> bool;
 
-    /// Numbers of the view by which gradients are taken: of a camera ten, of a canvas none.
-    const NUMBERS: usize;
+    /// How many numbers of the view gradients are taken by: of a camera ten, of a canvas none.
+    fn numbers(&self) -> usize;
 
     /// Fails for an invalid view, and for effects that the oracle does not have for this kind of
     /// view.
@@ -42,20 +39,20 @@ pub trait OracleView: Copy + Debug + Send + Sync {
     fn device_units(&self) -> [f64; 2];
 
     /// Projects a Gaussian, whose parameters are a row of [`OracleScene`](super::OracleScene).
-    fn project(&self, gaussian: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Self::Splat>;
+    fn project(&self, gaussian: &[f64], settings: &RenderSettings, lean: Lean) -> Projection;
 }
 
 /// The result of the guards for a Gaussian.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Projection<T> {
+#[derive(Debug)]
+pub enum Projection {
     /// The Gaussian can be drawn.
-    Drawable(T),
+    Drawable(Box<dyn Splat>),
     /// The Gaussian is culled for this cause.
     Left(CullCause),
 }
 
 /// A Gaussian that can be drawn.
-pub trait Splat: Debug + Clone {
+pub trait Splat: Debug + Send + Sync {
     /// σ at the pixel centre `p`.
     fn exponent(&self, p: [f64; 2]) -> Exponent;
 
@@ -71,7 +68,7 @@ pub trait Splat: Debug + Clone {
     /// ∂(share)/∂(parameters): a row for each parameter.
     fn jacobian(&self) -> Vec<[Rounded; 9]>;
 
-    /// ∂(share)/∂(numbers of the view): a row for each of [`OracleView::NUMBERS`].
+    /// ∂(share)/∂(numbers of the view): a row for each of [`OracleView::numbers`].
     fn view_jacobian(&self) -> Vec<[Rounded; 9]>;
 }
 

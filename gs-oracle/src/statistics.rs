@@ -3,7 +3,7 @@
 
 use gs_core::{Error, Image, Loss, effects::Order};
 
-use super::{Lean, Oracle, OracleScene, OracleView, Projection, Splat as _, loss, splat::OPACITY_SHARE};
+use super::{Lean, Oracle, OracleScene, Projection, loss, splat::OPACITY_SHARE};
 
 /// The contribution of one step to each statistic, `[N]` each.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,7 +22,7 @@ pub struct StepStatistics {
     pub pixel_error: Vec<f64>,
 }
 
-impl<V: OracleView> Oracle<V> {
+impl Oracle {
     /// The statistics of one training step.
     ///
     /// # Errors
@@ -98,8 +98,8 @@ impl<V: OracleView> Oracle<V> {
     fn near_weights(&self, scene: &OracleScene) -> Vec<f64> {
         let full = f64::from(self.settings.full_depth);
         let weight = |depth: f64| if depth < full { (depth / full).powi(2) } else { 1.0 };
-        let near = |projection: Projection<V::Splat>| match projection {
-            Projection::Drawable(splat) if V::HAS_DEPTH => weight(splat.depth([0.0; 2], Order::Global).value),
+        let near = |projection: Projection| match projection {
+            Projection::Drawable(splat) if self.view.has_depth() => weight(splat.depth([0.0; 2], Order::Global).value),
             _ => 1.0,
         };
         self.project(scene).into_iter().map(near).collect()

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// A kind of scene that the suite can draw and the oracle can render.
-pub trait Subject: Scene<View: OracleView + PartialEq> {
+pub trait Subject: Scene<View: OracleView + Copy + PartialEq> {
     /// The kinds of generated scenes.
     type Kind2d: Copy + Debug + PartialEq;
 

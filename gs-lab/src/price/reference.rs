@@ -26,12 +26,12 @@ const SAMPLE: [usize; 2] = [128, 8192];
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// A kind of scene that the oracle can render.
-pub trait Verifiable: Scene<View: OracleView> {
+pub trait Verifiable: Scene<View: OracleView + Copy> {
     /// The scene in the oracle's form.
     fn rows(&self) -> OracleScene;
 }
 
-impl<S: Scene<View: OracleView>> Verifiable for S
+impl<S: Scene<View: OracleView + Copy>> Verifiable for S
 where
     for<'s> &'s S: Into<OracleScene>,
 {
@@ -40,12 +40,10 @@ where
     }
 }
 
-type SplatOf<S> = <<S as Scene>::View as OracleView>::Splat;
-
 /// The reference picture of a view.
-pub(crate) struct Reference<S: Verifiable> {
-    oracle: Oracle<S::View>,
-    projected: Vec<Projection<SplatOf<S>>>,
+pub(crate) struct Reference {
+    oracle: Oracle,
+    projected: Vec<Projection>,
     /// A backend's rendering without cut-offs.
     tightest: Image,
     /// The sampled pixels with the oracle's colours.
@@ -54,23 +52,23 @@ pub(crate) struct Reference<S: Verifiable> {
     worst: RefCell<HashMap<[u32; 2], [f64; 3]>>,
 }
 
-impl<S: Verifiable> std::fmt::Debug for Reference<S> {
+impl std::fmt::Debug for Reference {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Reference").field("sample", &self.sample.len()).finish_non_exhaustive()
     }
 }
 
-impl<S: Verifiable> Reference<S> {
+impl Reference {
     /// The reference picture of one of `views` views of a scene. `settings` have no cut-offs, and
     /// `tightest` is a backend's rendering with them.
     pub(crate) fn new(
         scene: &OracleScene,
-        view: &S::View,
+        view: impl OracleView,
         settings: &RenderSettings,
         tightest: Image,
         views: usize,
     ) -> Result<Self, Error> {
-        let oracle = Oracle::new(*view, *settings)?;
+        let oracle = Oracle::new(view, *settings)?;
         let projected = oracle.project(scene);
         let (width, height) = tightest.size();
         let all = width as usize * height as usize;

@@ -41,7 +41,7 @@ const OPERATIONS: f64 = 8.0;
 /// Its share is by its centre u, v, by Σ′ as (uu, uv, vv), where uv stands for both equal entries,
 /// by its compensated opacity, and by its colour.
 #[derive(Debug, Clone)]
-pub struct Splat3d {
+pub(crate) struct Splat3d {
     /// u, v, px.
     center: [Rounded; 2],
     /// Σ′⁻¹ as (uu, uv, vv), px⁻².
@@ -74,10 +74,13 @@ impl Guards {
 }
 
 impl OracleView for Camera {
-    type Splat = Splat3d;
+    fn has_depth(&self) -> bool {
+        true
+    }
 
-    const HAS_DEPTH: bool = true;
-    const NUMBERS: usize = 10;
+    fn numbers(&self) -> usize {
+        10
+    }
 
     fn check(&self, _: &RenderSettings) -> Result<(), Error> {
         self.validate()
@@ -91,9 +94,9 @@ impl OracleView for Camera {
         [f64::from(self.width) / 2.0, f64::from(self.height) / 2.0]
     }
 
-    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Splat3d> {
+    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection {
         match projected(&Pinhole::new(self), g, settings, lean) {
-            Ok(splat) => Projection::Drawable(splat),
+            Ok(splat) => Projection::Drawable(Box::new(splat)),
             Err(cause) => Projection::Left(cause),
         }
     }

@@ -2,7 +2,7 @@
 
 use gs_core::{Camera, Error, RenderSettings};
 
-use super::{Pinhole, Splat3d, projected};
+use super::{Pinhole, projected};
 use crate::{
     rounded::{Matrix, Rounded, applied, product},
     splat::{Lean, OracleView, Projection},
@@ -19,10 +19,13 @@ pub struct MovedCamera {
 }
 
 impl OracleView for MovedCamera {
-    type Splat = Splat3d;
+    fn has_depth(&self) -> bool {
+        true
+    }
 
-    const HAS_DEPTH: bool = true;
-    const NUMBERS: usize = 10;
+    fn numbers(&self) -> usize {
+        10
+    }
 
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.camera.check(settings)
@@ -36,7 +39,7 @@ impl OracleView for MovedCamera {
         self.camera.device_units()
     }
 
-    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Splat3d> {
+    fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection {
         let [vx, vy, vz, wx, wy, wz, fx, fy, cx, cy] = self.by.map(Rounded::exact);
         let before = Pinhole::new(&self.camera);
         let turn = exponential([wx, wy, wz]);
@@ -49,7 +52,7 @@ impl OracleView for MovedCamera {
             ..before
         };
         match projected(&moved, g, settings, lean) {
-            Ok(splat) => Projection::Drawable(splat),
+            Ok(splat) => Projection::Drawable(Box::new(splat)),
             Err(cause) => Projection::Left(cause),
         }
     }

@@ -175,8 +175,8 @@ impl Quotient {
     /// The quotient by entry `i` of Gaussian `g`, for the step size at which the quotients of a
     /// step and half the step agree best. Their difference is three quarters of the larger one's
     /// error, so subtracting a third of it from the smaller one gives fourth order (Richardson).
-    fn of<V: crate::oracle::OracleView>(
-        oracle: &Oracle<V>,
+    fn of(
+        oracle: &Oracle,
         scene: &OracleScene,
         target: &Image,
         loss: &Loss,

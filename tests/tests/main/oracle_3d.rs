@@ -178,7 +178,7 @@ fn gradients_hold_where_the_jacobian_is_clamped() {
 }
 
 /// Σ′⁻¹ from σ at one px from the centre along x, y and both.
-fn precision(splat: &impl Splat) -> [f64; 3] {
+fn precision(splat: &dyn Splat) -> [f64; 3] {
     let center = center(splat);
     let sigma = |dx: f64, dy: f64| splat.exponent([center[0] + dx, center[1] + dy]).sigma;
     let (xx, yy) = (2.0 * sigma(1.0, 0.0), 2.0 * sigma(0.0, 1.0));
@@ -186,7 +186,7 @@ fn precision(splat: &impl Splat) -> [f64; 3] {
 }
 
 /// The centre, where the gradient of σ is 0: one Newton step is exact.
-fn center(splat: &impl Splat) -> [f64; 2] {
+fn center(splat: &dyn Splat) -> [f64; 2] {
     let at = |p: [f64; 2]| splat.exponent(p).derivatives;
     let [o, x, y] = [at([0.0, 0.0]), at([1.0, 0.0]), at([0.0, 1.0])];
     let [a, b, c, d] = [x[0] - o[0], y[0] - o[0], x[1] - o[1], y[1] - o[1]];
@@ -200,7 +200,7 @@ fn one(g: Gaussian3d) -> Scene3d {
     scene
 }
 
-fn projected(scene: &Scene3d, view: Camera, settings: RenderSettings) -> gs_conformance::oracle::Splat3d {
+fn projected(scene: &Scene3d, view: Camera, settings: RenderSettings) -> Box<dyn Splat> {
     match Oracle::new(view, settings).unwrap().project(&scene.rows()).remove(0) {
         Projection::Drawable(splat) => splat,
         Projection::Left(cause) => panic!("{cause:?}"),
@@ -243,12 +243,12 @@ fn a_small_gaussian_falls_where_its_points_fall() {
         let (xx, xy, yy) = (moment(&|d, _| d.x * d.x), moment(&|d, _| d.x * d.y), moment(&|d, _| d.y * d.y));
         let determinant = xx * yy - xy * xy;
         let expected = [yy / determinant, -xy / determinant, xx / determinant];
-        let found = precision(&splat);
+        let found = precision(splat.as_ref());
         let size = expected[0] + expected[2];
         for i in 0..3 {
             assert!((found[i] - expected[i]).abs() < 1e-2 * size, "{g}: Σ′⁻¹ {found:?}, not {expected:?}");
         }
-        let at = center(&splat);
+        let at = center(splat.as_ref());
         assert!((mean.x - at[0]).abs() < 1e-3 && (mean.y - at[1]).abs() < 1e-3, "{g}: {at:?}, not {mean}");
 
         // Regression of depth on the pixel.

@@ -121,12 +121,12 @@ impl<S: Verifiable> Sweep<'_, S> {
 
     /// The reference pictures of the views. Their worst pixels are found on the first backend that
     /// can render without cut-offs.
-    pub(super) fn references(&self, views: &[S::View]) -> Result<Vec<Reference<S>>, Error> {
+    pub(super) fn references(&self, views: &[S::View]) -> Result<Vec<Reference>, Error> {
         let (scene, settings) = (self.scene.rows(), self.tightest());
         let able = self.able(&settings, views)?.unwrap_or_default();
         let reference = |view: &S::View| {
             let tightest = self.candidates[able].renderer.image(view, &settings)?;
-            Reference::new(&scene, view, &settings, tightest, views.len())
+            Reference::new(&scene, *view, &settings, tightest, views.len())
         };
         views.iter().map(reference).collect()
     }
@@ -137,10 +137,10 @@ impl<S: Verifiable> Sweep<'_, S> {
         candidate: usize,
         settings: &RenderSettings,
         views: &[S::View],
-        references: &[Reference<S>],
+        references: &[Reference],
     ) -> Result<PictureError, Error> {
         let renderer = &self.candidates[candidate].renderer;
-        let one = |(view, reference): (&S::View, &Reference<S>)| reference.error(&renderer.image(view, settings)?);
+        let one = |(view, reference): (&S::View, &Reference)| reference.error(&renderer.image(view, settings)?);
         let errors = views.iter().zip(references).map(one).collect::<Result<Vec<_>, Error>>()?;
         Ok(PictureError::of_views(&errors))
     }

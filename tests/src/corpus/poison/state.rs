@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    oracle::{Oracle, OracleScene, OracleView},
+    oracle::{Oracle, OracleScene},
     subject::Subject,
     tolerance::compare_images,
 };
@@ -268,8 +268,8 @@ pub(super) fn same_causes(found: Culled, expected: Culled) -> bool {
 
 /// Compares the image with the oracle's and, outside the tested Gaussian's footprint, bit by bit
 /// with the image without it. Returns the footprint.
-fn shown<V: OracleView>(
-    oracle: &Oracle<V>,
+fn shown(
+    oracle: &Oracle,
     rows: &OracleScene,
     (found, culled): &(Image, Culled),
     without: &Image,

@@ -90,12 +90,12 @@ impl Faulty {
     }
 
     /// The gradient by the camera, if it is asked for.
-    fn by_camera(&self, oracle: &Oracle<Camera>, found: &ViewGradients) -> Option<CameraGradient> {
+    fn by_camera(&self, view: &Camera, oracle: &Oracle, found: &ViewGradients) -> Option<CameraGradient> {
         let numbers: Vec<f32> = found.values.iter().map(|&v| v as f32).collect();
         let mut gradient = CameraGradient::from_array(numbers.try_into().expect("a camera has ten numbers"));
         match self.0 {
             NegatesTurns => gradient.rotation *= -1.0,
-            MovesTheWrongWay => gradient.translation = oracle.view().rotation.transpose() * gradient.translation,
+            MovesTheWrongWay => gradient.translation = view.rotation.transpose() * gradient.translation,
             GradientsInWrongUnits => gradient.focal *= 1.01,
             _ => {}
         }
@@ -195,7 +195,7 @@ impl Rasterizer<Scene3d> for Faulty {
         let (scene, view, settings) = self.altered(splats, view, settings);
         let oracle = Oracle::new(view, settings)?;
         let rendering = oracle.render(&scene);
-        Ok(Pass { oracle, scene, rendering })
+        Ok(Pass { view, oracle, scene, rendering })
     }
 
     async fn image(&self, pass: &Pass) -> Result<Image, Error> {
@@ -216,11 +216,11 @@ impl Rasterizer<Scene3d> for Faulty {
 
     async fn backward(&self, _: &Splats, pass: Pass, target: &Target, loss: &Loss) -> Result<(f32, Gradients), Error> {
         loss.validate()?;
-        let Pass { oracle, scene, rendering } = pass;
+        let Pass { view, oracle, scene, rendering } = pass;
         if let Some(weights) = &target.weights {
             let (value, v_image) = target.weighted(weights, &rendering.image(), *loss)?;
             let found = oracle.image_vjp(&scene, &v_image)?;
-            let (rows, camera) = (found.values, self.by_camera(&oracle, &found.view));
+            let (rows, camera) = (found.values, self.by_camera(&view, &oracle, &found.view));
             let (statistic, weight) = (vec![0.0; rows.len()], vec![1; rows.len()]);
             return Ok((value as f32, Gradients { rows, statistic, weight, drawn: rendering.drawn, camera }));
         }
@@ -230,7 +230,7 @@ impl Rasterizer<Scene3d> for Faulty {
             // With SH of degree 0, nothing depends on the direction.
             let mut settings = oracle.settings();
             settings.effects.sh_degree = 0;
-            let flat = Oracle::new(oracle.view(), settings)?.gradients(&scene, target, loss)?;
+            let flat = Oracle::new(view, settings)?.gradients(&scene, target, loss)?;
             for (row, flat) in gradients.values.iter_mut().zip(&flat.values) {
                 row[0..3].copy_from_slice(&flat[0..3]);
             }
@@ -254,12 +254,12 @@ impl Rasterizer<Scene3d> for Faulty {
             _ => vec![1; scene.gaussians.len()],
         };
         let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
-        let camera = self.by_camera(&oracle, &gradients.view);
+        let camera = self.by_camera(&view, &oracle, &gradients.view);
         Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, weight, drawn, camera }))
     }
 
     async fn image_vjp(&self, _: &Splats, pass: Pass, v_image: &Image) -> Result<Gradients, Error> {
-        let Pass { oracle, scene, rendering } = pass;
+        let Pass { view, oracle, scene, rendering } = pass;
         v_image.check_finite("the gradient of an image")?;
         let mut gradients = oracle.image_vjp(&scene, v_image)?;
         if self.is(NegatesGivenGradients) {
@@ -268,7 +268,7 @@ impl Rasterizer<Scene3d> for Faulty {
         }
         let statistic = vec![0.0; scene.gaussians.len()];
         let weight = vec![1; statistic.len()];
-        let camera = self.by_camera(&oracle, &gradients.view);
+        let camera = self.by_camera(&view, &oracle, &gradients.view);
         Ok(Gradients { rows: gradients.values, statistic, weight, drawn: rendering.drawn, camera })
     }
 

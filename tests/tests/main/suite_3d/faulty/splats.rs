@@ -23,7 +23,8 @@ pub(crate) struct Splats {
 }
 
 pub(crate) struct Pass {
-    pub(super) oracle: Oracle<Camera>,
+    pub(super) view: Camera,
+    pub(super) oracle: Oracle,
     pub(super) scene: OracleScene,
     pub(super) rendering: Rendering,
 }
