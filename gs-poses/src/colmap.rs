@@ -7,7 +7,7 @@ use std::{
 
 use crate::{
     error::Error,
-    plan::{OVERLAP, Plan},
+    plan::{Group, OVERLAP, Plan},
     program::{Program, said},
     settings::Settings,
 };
@@ -24,6 +24,9 @@ const SLOW: [[u32; 3]; 2] = [[4, 0, 0], FAST];
 
 /// The most photographs that are added one by one, where COLMAP can also take all at once.
 const ONE_BY_ONE: usize = 250;
+
+/// The least contrast of faint features, less than half of COLMAP's 0.0067.
+const FAINT: f64 = 0.003;
 
 /// The fewest photographs of a piece that is kept.
 const LEAST_PIECE: usize = 3;
@@ -106,12 +109,15 @@ impl Colmap {
         &self,
         place: &Place<'_>,
         plan: &Plan,
-        (model, list, masks): (&str, &Path, bool),
+        (group, list, masks): (&Group, &Path, bool),
         settings: &Settings,
     ) -> Arguments {
         let mut arguments = Arguments::new("feature_extractor");
         arguments.path("database_path", place.database).path("image_path", place.images).path("image_list_path", list);
-        arguments.set("ImageReader.single_camera", 1).set("ImageReader.camera_model", model);
+        arguments.set("ImageReader.single_camera", 1).set("ImageReader.camera_model", &group.model);
+        if let Some(parameters) = group.parameters() {
+            arguments.set("ImageReader.camera_params", parameters);
+        }
         if masks {
             arguments.path("ImageReader.mask_path", place.masks);
         }
@@ -119,6 +125,9 @@ impl Colmap {
         arguments.set(&named("use_gpu"), u8::from(self.gpu)).set(&named("max_image_size"), plan.max_size);
         arguments.set("SiftExtraction.max_num_features", plan.features);
         arguments.set("SiftExtraction.first_octave", if plan.doubled { "-1" } else { "0" });
+        if plan.faint {
+            arguments.set("SiftExtraction.peak_threshold", FAINT);
+        }
         if let Some(threads) = settings.threads {
             arguments.set(&named("num_threads"), threads);
         }
@@ -253,6 +262,7 @@ mod tests {
             doubled: false,
             max_size: 1600,
             one_way,
+            faint: false,
         };
         let compares_in_one = |version, gpu, help: &str, plan: &Plan| {
             let colmap = Colmap {
@@ -270,7 +280,7 @@ mod tests {
         };
         let help = "  --SiftMatching.cross_check arg (=1)";
         assert!(compares_in_one([3, 8, 0], false, help, &plan(true)));
-        assert!(compares_in_one([3, 8, 0], false, help, &plan(false).thorough()));
+        assert!(!compares_in_one([3, 8, 0], false, help, &plan(true).thorough(&[])));
         assert!(!compares_in_one([3, 8, 0], false, help, &plan(false)));
         assert!(!compares_in_one([3, 8, 0], true, help, &plan(true)));
         assert!(!compares_in_one([4, 1, 1], false, help, &plan(true)));

@@ -135,7 +135,7 @@ mod tests {
         let camera = |i: usize| {
             let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3 * i as f64, 0.1, 0.2);
             let translation = -(rotation * (turn.inverse() * path(i) / 40.0 + DVec3::splat(7.0)));
-            Registered { name: i.to_string(), rotation, translation, observations: 0 }
+            Registered { name: i.to_string(), rotation, translation, observations: 0, focal: 1.0 }
         };
         (turn, (0..count).map(camera).collect())
     }

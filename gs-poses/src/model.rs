@@ -3,6 +3,7 @@
 //! *Source:* COLMAP's documentation ("Output Format").
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -13,6 +14,9 @@ use crate::error::Error;
 
 /// The files of a model. That of the cameras comes last: where it is, a model is.
 pub(crate) const FILES: [&str; 3] = ["points3D.bin", "images.bin", "cameras.bin"];
+
+/// Parameters of COLMAP's models of cameras by their numbers, of which the first is a focal length.
+const PARAMETERS: [usize; 11] = [3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12];
 
 /// A model.
 #[derive(Debug, Clone)]
@@ -35,6 +39,8 @@ pub(crate) struct Registered {
     pub(crate) translation: DVec3,
     /// Number of its features that belong to points.
     pub(crate) observations: usize,
+    /// The focal length (that along x) of its camera, as a share of the image's longer side.
+    pub(crate) focal: f64,
 }
 
 /// The models in the numbered folders of `models`, the one with most images first.
@@ -57,7 +63,8 @@ impl Model {
         let files = [read(FILES[0])?, read(FILES[1])?, read(FILES[2])?];
         let damaged = |name: &str| Error::Model { path: folder.join(name), what: "it ends early" };
         let (errors, points_at) = points(&files[0]).ok_or_else(|| damaged(FILES[0]))?;
-        let (images, poses_at) = images(&files[1]).ok_or_else(|| damaged(FILES[1]))?;
+        let focals = focals(&files[2]).ok_or_else(|| damaged(FILES[2]))?;
+        let (images, poses_at) = images(&files[1], &focals).ok_or_else(|| damaged(FILES[1]))?;
         Ok(Self { images, errors, files, poses_at, points_at })
     }
 
@@ -100,15 +107,29 @@ fn put(bytes: &mut [u8], at: usize, values: &[f64]) {
     }
 }
 
+/// The focal lengths of the cameras in `cameras.bin` by their numbers, as shares of the longer side.
+fn focals(file: &[u8]) -> Option<BTreeMap<u32, f64>> {
+    let mut bytes = Bytes { rest: file };
+    let mut focals = BTreeMap::new();
+    for _ in 0..bytes.whole()? {
+        let [camera, model] = [bytes.short()?, bytes.short()?];
+        let longest = bytes.whole()?.max(bytes.whole()?);
+        let [focal] = bytes.numbers()?;
+        focals.insert(camera, focal / longest as f64);
+        bytes.skip(8 * (*PARAMETERS.get(model as usize)? - 1))?;
+    }
+    Some(focals)
+}
+
 /// The images of `images.bin`, and where their rotations are.
-fn images(file: &[u8]) -> Option<(Vec<Registered>, Vec<usize>)> {
+fn images(file: &[u8], focals: &BTreeMap<u32, f64>) -> Option<(Vec<Registered>, Vec<usize>)> {
     let mut bytes = Bytes { rest: file };
     let (mut images, mut at) = (Vec::new(), Vec::new());
     for _ in 0..bytes.whole()? {
         bytes.skip(4)?;
         at.push(file.len() - bytes.rest.len());
         let [w, x, y, z, tx, ty, tz] = bytes.numbers()?;
-        bytes.skip(4)?;
+        let focal = *focals.get(&bytes.short()?)?;
         let end = bytes.rest.iter().position(|byte| *byte == 0)?;
         let name = String::from_utf8_lossy(&bytes.rest[..end]).into_owned();
         bytes.skip(end + 1)?;
@@ -116,7 +137,7 @@ fn images(file: &[u8]) -> Option<(Vec<Registered>, Vec<usize>)> {
         let features = bytes.take(features.checked_mul(24)?)?;
         let observations = features.chunks_exact(24).filter(|feature| feature[16..] != [0xff; 8]).count();
         let rotation = DQuat::from_xyzw(x, y, z, w).normalize();
-        images.push(Registered { name, rotation, translation: dvec3(tx, ty, tz), observations });
+        images.push(Registered { name, rotation, translation: dvec3(tx, ty, tz), observations, focal });
     }
     Some((images, at))
 }
@@ -151,6 +172,10 @@ impl<'a> Bytes<'a> {
 
     fn skip(&mut self, count: usize) -> Option<()> {
         self.take(count).map(drop)
+    }
+
+    fn short(&mut self) -> Option<u32> {
+        Some(u32::from_le_bytes(self.take(4)?.try_into().ok()?))
     }
 
     fn whole(&mut self) -> Option<u64> {
@@ -209,7 +234,8 @@ pub(crate) mod tests {
             fs::write(folder.path().join(name), bytes).unwrap();
         }
         let mut model = Model::read(folder.path()).unwrap();
-        assert_eq!((model.images[0].name.as_str(), model.images[0].observations), ("a b.jpg", 1));
+        let image = &model.images[0];
+        assert_eq!((image.name.as_str(), image.observations, image.focal), ("a b.jpg", 1, 60.0 / 64.0));
         let turn = DQuat::from_rotation_z(0.7) * DQuat::from_rotation_x(-0.4);
         model.turn(turn, 2.0);
         for (name, bytes) in model.files() {

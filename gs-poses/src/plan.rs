@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     input::photographs::{Exif, Photograph},
+    model::Registered,
     settings::{LensKind, Pairs, Settings},
 };
 
@@ -37,11 +38,14 @@ const MANY: f64 = 4096.0;
 /// Photographs of a camera from which its lens is described by eight numbers instead of four.
 const FULL_LENS: usize = 8;
 
+/// Relative difference of the shapes (width by height) below which photographs of one camera are not cropped.
+const SAME_SHAPE: f64 = 0.02;
+
 /// The longest focal length of a fish-eye, mm on 35 mm film, of a camera that is made for sports.
 const ACTION_MM: u32 = 19;
 
 /// What COLMAP is asked to do.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Plan {
     /// The photographs by camera.
     pub(crate) groups: Vec<Group>,
@@ -54,15 +58,23 @@ pub(crate) struct Plan {
     /// The longer side of the images in which features are looked for, px.
     pub(crate) max_size: u32,
     /// Whether only the nearest feature of the second photograph is looked for, and not also whether that one's nearest
-    /// is the feature of the first. Takes half of the time, and finds more matches where there are few.
+    /// is the feature of the first. Takes half of the time.
     pub(crate) one_way: bool,
+    /// Whether features of less contrast count, too.
+    pub(crate) faint: bool,
 }
 
 /// Photographs that one camera took.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Group {
     /// COLMAP's model of the camera.
     pub(crate) model: String,
+    /// The camera's name, its focal length and the folder: what those of other sizes share, too.
+    kind: String,
+    /// Columns and rows of the photographs.
+    size: (u32, u32),
+    /// The focal length as a share of the longer side, if an attempt before has found it.
+    focal: Option<f64>,
     /// The names of the photographs.
     pub(crate) names: Vec<String>,
 }
@@ -80,8 +92,11 @@ impl Plan {
             groups.entry((&exif.camera, exif.focal, *size, folder)).or_default().push(photograph);
         }
         let longest = photographs.iter().map(|photograph| photograph.size.0.max(photograph.size.1)).max().unwrap_or(0);
-        let groups = groups.into_values().map(|of_camera| Group {
+        let groups = groups.into_iter().map(|(key, of_camera)| Group {
             model: model(&of_camera[0].exif, of_camera.len(), settings.lens).to_owned(),
+            kind: format!("{} {:?} {}", key.0, key.1, key.3),
+            size: key.2,
+            focal: None,
             names: of_camera.iter().map(|photograph| photograph.name.clone()).collect(),
         });
         let count = photographs.len();
@@ -100,16 +115,53 @@ impl Plan {
             doubled: longest.min(settings.max_size) <= SMALL || features >= MANY,
             max_size: settings.max_size,
             one_way: pairs > MANY_PAIRS,
+            faint: false,
         }
     }
 
-    /// The plan with twice as many features and more matches, for photographs in which few match.
-    pub(crate) fn thorough(&self) -> Self {
-        Self { features: self.features * 2, doubled: true, one_way: true, ..self.clone() }
+    /// The plan for a second attempt, where few photographs match: with more features, of less contrast too, and
+    /// with the focal lengths that the first attempt has `found`. Matches must be mutual, and agree with the focal
+    /// length: among many features that look alike, others hang parts of the scene where they don't belong.
+    pub(crate) fn thorough(&self, found: &[Registered]) -> Self {
+        let known = |group: &Group| {
+            let seen = found.iter().filter(|image| group.names.contains(&image.name));
+            (seen.clone().count(), seen.map(|image| image.focal).next())
+        };
+        let focal = |group: &Group| {
+            let alike = self.groups.iter().filter(|other| group.is_like(other)).map(known);
+            alike.max_by_key(|(count, _)| *count).filter(|(count, _)| *count >= FULL_LENS)?.1
+        };
+        let groups = self.groups.iter().map(|group| Group { focal: focal(group), ..group.clone() });
+        Self {
+            groups: groups.collect(),
+            features: self.features * 2,
+            doubled: true,
+            one_way: false,
+            faint: true,
+            ..self.clone()
+        }
     }
 
     pub(crate) fn photographs(&self) -> usize {
         self.groups.iter().map(|group| group.names.len()).sum()
+    }
+}
+
+impl Group {
+    /// Whether another group is of the same camera, and of nearly the same shape: cropped photographs are not.
+    fn is_like(&self, other: &Self) -> bool {
+        let shape = |(width, height): (u32, u32)| f64::from(width) / f64::from(height);
+        self.kind == other.kind && (shape(self.size) / shape(other.size) - 1.0).abs() < SAME_SHAPE
+    }
+
+    /// The parameters of the camera's model, px, if the focal length is known.
+    pub(crate) fn parameters(&self) -> Option<String> {
+        let [width, height] = [self.size.0, self.size.1].map(f64::from);
+        let (focal, x, y) = (self.focal? * width.max(height), 0.5 * width, 0.5 * height);
+        Some(match self.model.as_str() {
+            "SIMPLE_RADIAL" => format!("{focal},{x},{y},0"),
+            _ => format!("{focal},{focal},{x},{y},0,0,0,0"),
+        })
     }
 }
 
@@ -163,6 +215,26 @@ mod tests {
         // Pixels are used as they are stored: how they are turned to be shown makes no other camera.
         photographs[1].exif.orientation = 6;
         assert_eq!(names(&photographs), expected);
+    }
+
+    #[test]
+    fn a_second_attempt_knows_the_focal_length_of_the_first() {
+        let mut photographs: Vec<_> = (0..9).map(|i| photograph(&format!("{i}.jpg"), "", 0, (375, 500))).collect();
+        photographs.push(photograph("narrow.jpg", "", 0, (371, 500)));
+        photographs.push(photograph("cropped.jpg", "", 0, (375, 375)));
+        let plan = Plan::new(&photographs, &Settings::default(), 1);
+        let found: Vec<_> = (0..9).map(|i| Registered { focal: 0.8, ..registered(&format!("{i}.jpg")) }).collect();
+        let parameters = |found: &[Registered]| -> Vec<Option<String>> {
+            plan.thorough(found).groups.iter().map(Group::parameters).collect()
+        };
+        let known = [Some("400,185.5,250,0"), None, Some("400,400,187.5,250,0,0,0,0")].map(|p| p.map(str::to_owned));
+        assert_eq!(parameters(&found), known);
+        assert_eq!(parameters(&found[..7]), [None, None, None], "seven photographs are too few");
+    }
+
+    fn registered(name: &str) -> Registered {
+        let (rotation, translation) = (glam::DQuat::IDENTITY, glam::DVec3::ZERO);
+        Registered { name: name.to_owned(), rotation, translation, observations: 0, focal: 1.0 }
     }
 
     #[test]

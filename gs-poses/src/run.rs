@@ -255,7 +255,8 @@ impl Run<'_> {
         let features = self.mean_features();
         if in_any(&models) < ENOUGH && features >= 1.0 {
             self.observer.note("few photographs have poses so far: trying again with more features");
-            let mut thorough = State { plan: state.plan.thorough(), extracted: false, matched: false, ..state };
+            let found = models.first().map_or(&[][..], |model| &model.images);
+            let mut thorough = State { plan: state.plan.thorough(found), extracted: false, matched: false, ..state };
             let database = self.work.join("thorough.db");
             self.attempt(&mut thorough, &database, 1)?;
             let second = self.map(&thorough.plan, &database, 1)?;
@@ -289,7 +290,7 @@ impl Run<'_> {
             for (number, group) in state.plan.groups.iter().enumerate() {
                 let list = self.work.join(format!("camera-{number}.txt"));
                 fs::write(&list, group.names.join("\n") + "\n").map_err(Error::at(&list))?;
-                let camera = (group.model.as_str(), list.as_path(), self.masked);
+                let camera = (group, list.as_path(), self.masked);
                 let arguments = self.colmap.extract(&place, &state.plan, camera, self.settings);
                 let shown =
                     |line: &str| Some((before + fraction(line).filter(|_| line.contains("rocessed file"))?.0, total));

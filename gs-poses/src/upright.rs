@@ -60,7 +60,13 @@ mod tests {
         let camera = |i: usize| {
             let yaw = DQuat::from_rotation_y(i as f64 * std::f64::consts::TAU / 12.0);
             let to_world = world * yaw * DQuat::from_rotation_x(-0.6) * DQuat::from_rotation_z(roll(i));
-            Registered { name: i.to_string(), rotation: to_world.inverse(), translation: DVec3::Z, observations: 0 }
+            Registered {
+                name: i.to_string(),
+                rotation: to_world.inverse(),
+                translation: DVec3::Z,
+                observations: 0,
+                focal: 1.0,
+            }
         };
         (from..to).map(camera).collect()
     }
