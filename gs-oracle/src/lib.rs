@@ -187,7 +187,7 @@ impl Oracle {
         &self,
         scene: &OracleScene,
         value: &dyn Fn(usize, &[[f64; 3]]) -> f64,
-        slopes: &dyn Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossSlopes,
+        slopes: &Slopes<'_>,
     ) -> Gradients {
         let exact = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &exact);
@@ -300,6 +300,9 @@ impl Oracle {
         self.blend(scene, Lean::Exact).iter().map(|pixel| pixel.weights().collect()).collect()
     }
 }
+
+/// The slopes of a loss from (columns, image, its rounding, lean).
+type Slopes<'a> = dyn Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossSlopes + 'a;
 
 /// The Jacobians of the projected Gaussians by their parameters, or by the numbers of the view.
 struct Chain {

@@ -22,7 +22,7 @@ pub trait OracleView: Debug + Send + Sync + 'static {
     /// Whether Gaussians have depths.
     fn has_depth(&self) -> bool;
 
-    /// How many numbers of the view gradients are taken by: of a camera ten, of a canvas none.
+    /// Number of parameters of the view with gradients: ten for a camera, none for a canvas.
     fn numbers(&self) -> usize;
 
     /// Fails for an invalid view, and for effects that the oracle does not have for this kind of

@@ -28,6 +28,9 @@ const ONE_BY_ONE: usize = 250;
 /// The least contrast of faint features, less than half of COLMAP's 0.0067.
 const FAINT: f64 = 0.003;
 
+/// The option by which matches must be mutual.
+const CROSS_CHECK: &str = "SiftMatching.cross_check";
+
 /// The fewest photographs of a piece that is kept.
 const LEAST_PIECE: usize = 3;
 
@@ -143,9 +146,8 @@ impl Colmap {
         if let Some(threads) = settings.threads {
             arguments.set(&named("num_threads"), threads);
         }
-        let both_ways = "SiftMatching.cross_check";
-        if plan.one_way && self.pace() == 1 && self.matching.contains(both_ways) {
-            arguments.set(both_ways, 0);
+        if self.looks_one_way(plan) {
+            arguments.set(CROSS_CHECK, 0);
         }
         if plan.all_pairs {
             // Smaller blocks show more of the progress.
@@ -157,6 +159,11 @@ impl Colmap {
             }
         }
         arguments
+    }
+
+    /// Whether features are only looked for in one direction.
+    pub(crate) fn looks_one_way(&self, plan: &Plan) -> bool {
+        plan.one_way && self.pace() == 1 && self.matching.contains(CROSS_CHECK)
     }
 
     /// Whether all cameras are found at once.
@@ -253,30 +260,24 @@ mod tests {
         assert_eq!((version("bash: colmap"), version("COLMAP\n")), (None, None));
     }
 
+    fn colmap(version: [u32; 3], gpu: bool, matching: &str) -> Colmap {
+        let matching = matching.to_owned();
+        let program = Program::Colmap("colmap");
+        Colmap { program, version, gpu, extraction: String::new(), matching, has_global_mapper: false }
+    }
+
+    fn has(Arguments(words): &Arguments, name: &str, value: &str) -> bool {
+        words.windows(2).any(|pair| pair[0] == name && pair[1] == value)
+    }
+
     #[test]
-    fn only_a_slow_version_compares_in_one_direction() {
-        let plan = |one_way| Plan {
-            groups: Vec::new(),
-            all_pairs: true,
-            features: 1024,
-            doubled: false,
-            max_size: 1600,
-            one_way,
-            faint: false,
-        };
+    fn only_a_first_attempt_of_a_slow_version_compares_in_one_direction() {
+        let plan = |one_way| Plan { one_way, ..Plan::new(&[], &Settings::default(), 1) };
         let compares_in_one = |version, gpu, help: &str, plan: &Plan| {
-            let colmap = Colmap {
-                program: Program::Colmap("colmap"),
-                version,
-                gpu,
-                extraction: String::new(),
-                matching: help.to_owned(),
-                has_global_mapper: false,
-            };
             let here = Path::new("");
             let place = Place { database: here, images: here, masks: here, models: here };
-            let Arguments(words) = colmap.compare(&place, plan, &Settings::default());
-            words.windows(2).any(|pair| pair[0] == "--SiftMatching.cross_check" && pair[1] == "0")
+            let arguments = colmap(version, gpu, help).compare(&place, plan, &Settings::default());
+            has(&arguments, "--SiftMatching.cross_check", "0")
         };
         let help = "  --SiftMatching.cross_check arg (=1)";
         assert!(compares_in_one([3, 8, 0], false, help, &plan(true)));
@@ -285,6 +286,23 @@ mod tests {
         assert!(!compares_in_one([3, 8, 0], true, help, &plan(true)));
         assert!(!compares_in_one([4, 1, 1], false, help, &plan(true)));
         assert!(!compares_in_one([3, 8, 0], false, "", &plan(true)));
+    }
+
+    #[test]
+    fn a_second_attempt_looks_for_faint_features_with_a_known_lens() {
+        let (photographs, registered) = crate::plan::tests::nine();
+        let first = Plan::new(&photographs, &Settings::default(), 1);
+        let [first, second] = [&first, &first.thorough(&registered)].map(|plan| {
+            let here = Path::new("");
+            let place = Place { database: here, images: here, masks: here, models: here };
+            let group = (&plan.groups[0], here, false);
+            colmap([3, 8, 0], false, "").extract(&place, plan, group, &Settings::default())
+        });
+        let lens = ("--ImageReader.camera_params", "400,400,187.5,250,0,0,0,0");
+        let faint = ("--SiftExtraction.peak_threshold", "0.003");
+        for (name, value) in [lens, faint] {
+            assert!(has(&second, name, value) && !has(&first, name, value), "{second:?}");
+        }
     }
 
     #[test]

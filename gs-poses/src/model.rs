@@ -63,7 +63,9 @@ impl Model {
         let files = [read(FILES[0])?, read(FILES[1])?, read(FILES[2])?];
         let damaged = |name: &str| Error::Model { path: folder.join(name), what: "it ends early" };
         let (errors, points_at) = points(&files[0]).ok_or_else(|| damaged(FILES[0]))?;
-        let focals = focals(&files[2]).ok_or_else(|| damaged(FILES[2]))?;
+        let unknown =
+            || Error::Model { path: folder.join(FILES[2]), what: "it ends early, or has an unknown kind of camera" };
+        let focals = focals(&files[2]).ok_or_else(unknown)?;
         let (images, poses_at) = images(&files[1], &focals).ok_or_else(|| damaged(FILES[1]))?;
         Ok(Self { images, errors, files, poses_at, points_at })
     }
@@ -111,9 +113,9 @@ fn put(bytes: &mut [u8], at: usize, values: &[f64]) {
 fn focals(file: &[u8]) -> Option<BTreeMap<u32, f64>> {
     let mut bytes = Bytes { rest: file };
     let mut focals = BTreeMap::new();
-    for _ in 0..bytes.whole()? {
-        let [camera, model] = [bytes.short()?, bytes.short()?];
-        let longest = bytes.whole()?.max(bytes.whole()?);
+    for _ in 0..bytes.u64()? {
+        let [camera, model] = [bytes.u32()?, bytes.u32()?];
+        let longest = bytes.u64()?.max(bytes.u64()?);
         let [focal] = bytes.numbers()?;
         focals.insert(camera, focal / longest as f64);
         bytes.skip(8 * (*PARAMETERS.get(model as usize)? - 1))?;
@@ -125,15 +127,15 @@ fn focals(file: &[u8]) -> Option<BTreeMap<u32, f64>> {
 fn images(file: &[u8], focals: &BTreeMap<u32, f64>) -> Option<(Vec<Registered>, Vec<usize>)> {
     let mut bytes = Bytes { rest: file };
     let (mut images, mut at) = (Vec::new(), Vec::new());
-    for _ in 0..bytes.whole()? {
+    for _ in 0..bytes.u64()? {
         bytes.skip(4)?;
         at.push(file.len() - bytes.rest.len());
         let [w, x, y, z, tx, ty, tz] = bytes.numbers()?;
-        let focal = *focals.get(&bytes.short()?)?;
+        let focal = *focals.get(&bytes.u32()?)?;
         let end = bytes.rest.iter().position(|byte| *byte == 0)?;
         let name = String::from_utf8_lossy(&bytes.rest[..end]).into_owned();
         bytes.skip(end + 1)?;
-        let features = usize::try_from(bytes.whole()?).ok()?;
+        let features = usize::try_from(bytes.u64()?).ok()?;
         let features = bytes.take(features.checked_mul(24)?)?;
         let observations = features.chunks_exact(24).filter(|feature| feature[16..] != [0xff; 8]).count();
         let rotation = DQuat::from_xyzw(x, y, z, w).normalize();
@@ -146,13 +148,13 @@ fn images(file: &[u8], focals: &BTreeMap<u32, f64>) -> Option<(Vec<Registered>, 
 fn points(file: &[u8]) -> Option<(Vec<f64>, Vec<usize>)> {
     let mut bytes = Bytes { rest: file };
     let (mut errors, mut at) = (Vec::new(), Vec::new());
-    for _ in 0..bytes.whole()? {
+    for _ in 0..bytes.u64()? {
         bytes.skip(8)?;
         at.push(file.len() - bytes.rest.len());
         bytes.skip(24 + 3)?;
         let [error] = bytes.numbers()?;
         errors.push(error);
-        let track = usize::try_from(bytes.whole()?).ok()?;
+        let track = usize::try_from(bytes.u64()?).ok()?;
         bytes.skip(track.checked_mul(8)?)?;
     }
     Some((errors, at))
@@ -174,11 +176,11 @@ impl<'a> Bytes<'a> {
         self.take(count).map(drop)
     }
 
-    fn short(&mut self) -> Option<u32> {
+    fn u32(&mut self) -> Option<u32> {
         Some(u32::from_le_bytes(self.take(4)?.try_into().ok()?))
     }
 
-    fn whole(&mut self) -> Option<u64> {
+    fn u64(&mut self) -> Option<u64> {
         Some(u64::from_le_bytes(self.take(8)?.try_into().ok()?))
     }
 
@@ -248,6 +250,19 @@ pub(crate) mod tests {
         let mut bytes = Bytes { rest: &turned.files[0][turned.points_at[0]..] };
         assert!(DVec3::from(bytes.numbers::<3>().unwrap()).abs_diff_eq(turn * point * 2.0, 1e-12));
         assert_eq!(turned.errors, [0.5]);
+    }
+
+    #[test]
+    fn cameras_of_all_kinds_have_focal_lengths() {
+        let mut file = 3_u64.to_le_bytes().to_vec();
+        for (camera, (kind, numbers)) in [(4_u32, 8), (2, 4), (5, 8)].into_iter().enumerate() {
+            file.extend([7 + camera as u32, kind].into_iter().flat_map(u32::to_le_bytes));
+            file.extend([300_u64, 400].into_iter().flat_map(u64::to_le_bytes));
+            file.extend((0..numbers).flat_map(|i| f64::from(100 * (camera as u32 + 1) + i).to_le_bytes()));
+        }
+        assert_eq!(focals(&file), Some(BTreeMap::from([(7, 0.25), (8, 0.5), (9, 0.75)])));
+        file[12] = 11;
+        assert_eq!(focals(&file), None, "there is no model 11");
     }
 
     #[test]

@@ -23,7 +23,7 @@ const FEATURES: [f64; 2] = [1024.0, 8192.0];
 /// pair takes time by about the square of the features.
 const WORK: f64 = 66_000.0;
 
-/// Pairs of 29 photographs. With more pairs, a slow COLMAP compares them in one direction only, and there are fewer
+/// Pairs of 29 photographs. With more pairs, a slow COLMAP first compares them in one direction only, and there are fewer
 /// features still, by this power of the number of pairs, because all else takes longer with more photographs, too.
 const MANY_PAIRS: f64 = 406.0;
 const FEWER: f64 = 0.3;
@@ -38,8 +38,8 @@ const MANY: f64 = 4096.0;
 /// Photographs of a camera from which its lens is described by eight numbers instead of four.
 const FULL_LENS: usize = 8;
 
-/// Relative difference of the shapes (width by height) below which photographs of one camera are not cropped.
-const SAME_SHAPE: f64 = 0.02;
+/// Relative difference of widths and heights below which photographs of one camera have the same focal length.
+const SIMILAR: f64 = 0.05;
 
 /// The longest focal length of a fish-eye, mm on 35 mm film, of a camera that is made for sports.
 const ACTION_MM: u32 = 19;
@@ -69,7 +69,7 @@ pub(crate) struct Plan {
 pub(crate) struct Group {
     /// COLMAP's model of the camera.
     pub(crate) model: String,
-    /// The camera's name, its focal length and the folder: what those of other sizes share, too.
+    /// The camera's name, focal length and folder: equal for groups that differ in size alone.
     kind: String,
     /// Columns and rows of the photographs.
     size: (u32, u32),
@@ -120,16 +120,19 @@ impl Plan {
     }
 
     /// The plan for a second attempt, where few photographs match: with more features, of less contrast too, and
-    /// with the focal lengths that the first attempt has `found`. Matches must be mutual, and agree with the focal
-    /// length: among many features that look alike, others hang parts of the scene where they don't belong.
-    pub(crate) fn thorough(&self, found: &[Registered]) -> Self {
-        let known = |group: &Group| {
-            let seen = found.iter().filter(|image| group.names.contains(&image.name));
-            (seen.clone().count(), seen.map(|image| image.focal).next())
+    /// with the focal lengths of the cameras of which the first attempt has `registered` enough photographs. Matches
+    /// must be mutual, and agree with the focal length: among many features that look alike, others hang parts of
+    /// the scene where they don't belong.
+    pub(crate) fn thorough(&self, registered: &[Registered]) -> Self {
+        let measured = |group: &Group| {
+            let mut images = registered.iter().filter(|image| group.names.contains(&image.name));
+            let focal = images.next()?.focal;
+            Some((1 + images.count(), focal))
         };
         let focal = |group: &Group| {
-            let alike = self.groups.iter().filter(|other| group.is_like(other)).map(known);
-            alike.max_by_key(|(count, _)| *count).filter(|(count, _)| *count >= FULL_LENS)?.1
+            let similar = self.groups.iter().filter(|other| group.is_similar(other)).filter_map(measured);
+            let (images, focal) = similar.max_by_key(|(images, _)| *images)?;
+            (images >= FULL_LENS).then_some(focal)
         };
         let groups = self.groups.iter().map(|group| Group { focal: focal(group), ..group.clone() });
         Self {
@@ -148,10 +151,10 @@ impl Plan {
 }
 
 impl Group {
-    /// Whether another group is of the same camera, and of nearly the same shape: cropped photographs are not.
-    fn is_like(&self, other: &Self) -> bool {
-        let shape = |(width, height): (u32, u32)| f64::from(width) / f64::from(height);
-        self.kind == other.kind && (shape(self.size) / shape(other.size) - 1.0).abs() < SAME_SHAPE
+    /// Whether another group is of the same camera, and of nearly the same size.
+    fn is_similar(&self, other: &Self) -> bool {
+        let near = |a: u32, b: u32| (f64::from(a) / f64::from(b) - 1.0).abs() < SIMILAR;
+        self.kind == other.kind && near(self.size.0, other.size.0) && near(self.size.1, other.size.1)
     }
 
     /// The parameters of the camera's model, px, if the focal length is known.
@@ -184,7 +187,7 @@ fn model(exif: &Exif, photographs: usize, lens: LensKind) -> &'static str {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     fn photograph(name: &str, camera: &str, focal: u32, size: (u32, u32)) -> Photograph {
@@ -217,24 +220,30 @@ mod tests {
         assert_eq!(names(&photographs), expected);
     }
 
-    #[test]
-    fn a_second_attempt_knows_the_focal_length_of_the_first() {
-        let mut photographs: Vec<_> = (0..9).map(|i| photograph(&format!("{i}.jpg"), "", 0, (375, 500))).collect();
-        photographs.push(photograph("narrow.jpg", "", 0, (371, 500)));
-        photographs.push(photograph("cropped.jpg", "", 0, (375, 375)));
-        let plan = Plan::new(&photographs, &Settings::default(), 1);
-        let found: Vec<_> = (0..9).map(|i| Registered { focal: 0.8, ..registered(&format!("{i}.jpg")) }).collect();
-        let parameters = |found: &[Registered]| -> Vec<Option<String>> {
-            plan.thorough(found).groups.iter().map(Group::parameters).collect()
+    /// Nine photographs of one camera, and their poses.
+    pub(crate) fn nine() -> (Vec<Photograph>, Vec<Registered>) {
+        let names: Vec<String> = (0..9).map(|i| format!("{i}.jpg")).collect();
+        let registered = |name: &String| {
+            let (rotation, translation) = (glam::DQuat::IDENTITY, glam::DVec3::ZERO);
+            Registered { name: name.clone(), rotation, translation, observations: 0, focal: 0.8 }
         };
-        let known = [Some("400,185.5,250,0"), None, Some("400,400,187.5,250,0,0,0,0")].map(|p| p.map(str::to_owned));
-        assert_eq!(parameters(&found), known);
-        assert_eq!(parameters(&found[..7]), [None, None, None], "seven photographs are too few");
+        let photographs = names.iter().map(|name| photograph(name, "", 0, (375, 500)));
+        (photographs.collect(), names.iter().map(registered).collect())
     }
 
-    fn registered(name: &str) -> Registered {
-        let (rotation, translation) = (glam::DQuat::IDENTITY, glam::DVec3::ZERO);
-        Registered { name: name.to_owned(), rotation, translation, observations: 0, focal: 1.0 }
+    #[test]
+    fn a_second_attempt_knows_the_focal_length_of_the_first() {
+        let (mut photographs, registered) = nine();
+        photographs.push(photograph("narrow.jpg", "", 0, (371, 500)));
+        photographs.push(photograph("cropped.jpg", "", 0, (375, 375)));
+        photographs.push(photograph("larger.jpg", "", 0, (750, 1000)));
+        let plan = Plan::new(&photographs, &Settings::default(), 1);
+        let parameters = |registered: &[Registered]| -> Vec<Option<String>> {
+            plan.thorough(registered).groups.iter().map(Group::parameters).collect()
+        };
+        let shared = [Some("400,185.5,250,0"), None, Some("400,400,187.5,250,0,0,0,0"), None];
+        assert_eq!(parameters(&registered), shared.map(|text| text.map(str::to_owned)));
+        assert_eq!(parameters(&registered[..7]), vec![None; 4], "seven photographs are too few");
     }
 
     #[test]

@@ -38,6 +38,10 @@ const STATE: &str = "state.json";
 /// Share of the photographs with a pose below which a second, more thorough attempt is made.
 const ENOUGH: f64 = 0.8;
 
+/// Share of the poses of a first attempt, by matches in one direction, that a second attempt must have to be taken:
+/// its matches are mutual, so that its poses are right more often.
+const TRUSTED: f64 = 0.7;
+
 /// Images that two pieces must share to be joined.
 const SHARED: usize = 3;
 
@@ -242,8 +246,8 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// The models of the photographs, the largest first, after a second attempt with more features where the
-    /// first finds few poses.
+    /// The models of the photographs, the largest first, after a second, more thorough attempt where the first
+    /// finds few poses.
     fn models(&mut self, mut state: State) -> Result<Vec<Model>, Error> {
         let count = self.photographs.files.len() as f64;
         let share = |models: &[Model]| models.first().map_or(0.0, |model| model.images.len() as f64 / count);
@@ -254,13 +258,15 @@ impl Run<'_> {
         let mut models = self.map(&state.plan, &database, 0)?;
         let features = self.mean_features();
         if in_any(&models) < ENOUGH && features >= 1.0 {
-            self.observer.note("few photographs have poses so far: trying again with more features");
-            let found = models.first().map_or(&[][..], |model| &model.images);
-            let mut thorough = State { plan: state.plan.thorough(found), extracted: false, matched: false, ..state };
+            self.observer.note("few photographs have poses so far: trying again more thoroughly");
+            let least = if self.colmap.looks_one_way(&state.plan) { TRUSTED * share(&models) } else { share(&models) };
+            let registered = models.first().map_or(&[][..], |model| &model.images);
+            let mut thorough =
+                State { plan: state.plan.thorough(registered), extracted: false, matched: false, ..state };
             let database = self.work.join("thorough.db");
             self.attempt(&mut thorough, &database, 1)?;
             let second = self.map(&thorough.plan, &database, 1)?;
-            if share(&second) > share(&models) {
+            if share(&second) > least {
                 models = second;
             }
         }

@@ -9,13 +9,15 @@ import { execFileSync } from "node:child_process";
 import fs from "node:fs";
 import http from "node:http";
 import { createRequire } from "node:module";
+import os from "node:os";
 import path from "node:path";
 import { decoded } from "./png.mjs";
 
 export const [browserName, pageFolder, program, place] = process.argv.slice(2);
 const puppeteer = createRequire(path.resolve(place, "x.js"))("puppeteer-core");
 // Two processes may test different parts at a time.
-const files = fs.mkdtempSync(path.join(path.resolve(place), "files-"));
+const files = fs.mkdtempSync(path.join(os.tmpdir(), "gs-web-"));
+process.on("exit", () => fs.rmSync(files, { recursive: true, force: true }));
 
 /** The path of a file of the tests. */
 export const at = (name) => path.join(files, name);
@@ -51,7 +53,6 @@ const browser = await launch("--enable-unsafe-webgpu");
 export async function close() {
   await browser.close();
   server.close();
-  fs.rmSync(files, { recursive: true, force: true });
 }
 
 /** A page whose engine is ready; `complaints` are its console's errors. `before` runs in the page first. */

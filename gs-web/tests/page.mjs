@@ -13,4 +13,9 @@ import * as view from "./view.mjs";
 
 const all = { fit, threads, view, trouble, serve };
 const [parts = Object.keys(all).join(), name] = process.argv.slice(6);
+const unknown = parts.split(",").find((part) => !(part in all));
+if (unknown) {
+  console.error(`there is no part ${unknown}: ${Object.keys(all).join(", ")}`);
+  process.exit(2);
+}
 await runTests(Object.assign({}, ...parts.split(",").map((part) => all[part].tests)), name, close);
