@@ -29,8 +29,8 @@ mod views;
 pub use crate::run::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     encode::{
-        EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, count_for_psnr,
-        draw_picture, encode,
+        EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, draw_picture,
+        encode,
     },
     error::Error,
     fit::{

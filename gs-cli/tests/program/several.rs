@@ -136,29 +136,3 @@ fn ctrl_c_stops_between_images() {
     assert!(said.iter().any(|line| line.contains("large") && line.contains(" --resume ")), "{said:?}");
     assert_eq!(names_in(&out), ["large"]);
 }
-
-#[test]
-fn the_number_of_gaussians_follows_from_a_psnr_or_a_size() {
-    let place = folder();
-    let (image, out) = (picture(place.path(), 48, 40), place.path().join("out"));
-    let fit = |flags: &[&str]| {
-        let words = ["fit", image.to_str().unwrap(), "-o", out.to_str().unwrap(), "--backend", "cpu", "--no-report"];
-        gs(words.iter().chain(flags))
-    };
-    let by_psnr = fit(&["--psnr", "32", "-i", "60", "--json"]).json();
-    let (psnr, count) = (by_psnr["psnr"].as_f64().unwrap(), by_psnr["gaussians"].as_u64().unwrap());
-    assert!((32.0..36.0).contains(&psnr) && count > 3, "{count}: {psnr}");
-    let by_bytes = fit(&["--bytes", "300", "-i", "10", "--json"]).json();
-    let count = by_bytes["gaussians"].as_u64().unwrap();
-    assert!((20..200).contains(&count), "{count} Gaussians in 300 bytes");
-    for (flags, part) in [
-        (&["--psnr", "5"][..], "10 to 60 dB"),
-        (&["--psnr", "x"], "must be a positive number"),
-        (&["--bytes", "9"], "at least 64"),
-        (&["--psnr", "30", "-n", "100"], "cannot be used with"),
-        (&["--psnr", "30", "--bytes", "3k"], "cannot be used with"),
-    ] {
-        assert!(fit(flags).refusal().contains(part), "{flags:?}");
-    }
-    assert!(fit(&["--psnr", "60", "-i", "1"]).stderr.contains("a PSNR of 60 dB"));
-}

@@ -12,6 +12,7 @@ use gs_core::{
 
 use super::{
     bands::{Band, bands},
+    forecast::Forecast,
     layers::FirstLayer,
     progress::{EncodeWork, Report},
     sequence,
@@ -19,7 +20,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    fit::{FitSettings, FitTarget, Forecast, Preset, fit},
+    fit::{FitSettings, FitTarget, Preset, fit},
     memory::WEIGHT,
 };
 

@@ -4,9 +4,9 @@
 //! picture, in grey.
 
 mod bands;
-mod count;
 mod draw;
 mod encoder;
+mod forecast;
 mod layers;
 mod progress;
 mod sequence;
@@ -20,7 +20,6 @@ use web_time::Instant;
 
 pub(crate) use self::bands::LEAST_FITTED_ROWS;
 pub use self::{
-    count::count_for_psnr,
     draw::draw_picture,
     progress::{EncodeProgress, EncodeWork},
     settings::{EncodeLayers, EncodeSettings, EncodeTarget},

@@ -68,12 +68,8 @@ pub(super) const LEAST_BYTES: u64 = 64;
 
 impl EncodeTarget {
     /// Checks its range.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] for a size below 64 bytes, a PSNR outside 10 to 60 dB, or a quality outside 1
-    /// to 100.
-    pub fn validate(&self) -> Result<(), Error> {
-        match *self {
+    fn validate(self) -> Result<(), Error> {
+        match self {
             Self::Bytes(bytes) if bytes < LEAST_BYTES => {
                 Err(Error::setting("the number of bytes", bytes, "at least 64"))
             }
@@ -108,7 +104,8 @@ impl EncodeSettings {
     /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// Those of [`EncodeTarget::validate`].
+    /// [`Error::Setting`] for a size below 64 bytes, a PSNR outside 10 to 60 dB, or a quality outside 1
+    /// to 100.
     pub fn validate(&self) -> Result<(), Error> {
         self.target.validate()
     }

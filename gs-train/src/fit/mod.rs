@@ -1,7 +1,6 @@
 //! Fits of 2D Gaussians to an image: settings, presets, the first Gaussians, and the result.
 
 mod flat;
-mod forecast;
 pub mod init;
 mod plane_scene;
 mod presets;
@@ -13,7 +12,6 @@ mod tune;
 mod viewable;
 mod whole_fit;
 
-pub(crate) use self::forecast::Forecast;
 pub use self::{
     flat::mean_color,
     init::{Init, InitKind},

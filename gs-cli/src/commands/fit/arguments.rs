@@ -6,7 +6,6 @@ use clap::Args;
 
 use crate::{
     failure::Failure,
-    flags::values::{bytes, positive},
     image_fit::FitSettingsArgs,
     training::{arguments::RunArgs, job::Job},
 };
@@ -58,19 +57,6 @@ const IN_CHECKPOINT: [&str; 13] = [
     "seed",
 ];
 
-/// What decides about the number of Gaussians in place of `--gaussians`.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Settings")]
-pub(crate) struct CountArgs {
-    /// Least PSNR of the 8-bit picture, dB: the smallest number of Gaussians, within about 1 %, that
-    /// reaches it; a few fits find it first
-    #[arg(long, value_name = "DB", value_parser = positive, conflicts_with_all = ["gaussians", "bytes", "resume"])]
-    pub(crate) psnr: Option<f64>,
-    /// Size of a .gsi file, such as 40k: as many Gaussians as gs encode --bytes puts into it
-    #[arg(long, value_name = "SIZE", value_parser = bytes, conflicts_with_all = ["gaussians", "resume"])]
-    pub(crate) bytes: Option<u64>,
-}
-
 /// The flags of `gs fit`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
@@ -81,8 +67,6 @@ pub(crate) struct FitArgs {
     pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) settings: FitSettingsArgs,
-    #[command(flatten)]
-    pub(crate) count: CountArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
     /// Resume a fit from its checkpoint, given the same image; the result is the same as without

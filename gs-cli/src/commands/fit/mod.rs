@@ -4,7 +4,6 @@
 //! first step.
 
 mod arguments;
-mod count;
 mod results;
 mod several;
 
@@ -16,7 +15,7 @@ use gs_io::{Checkpoint, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, SettingsFile as _, Trainer};
 
 pub(crate) use self::arguments::FitArgs;
-use self::{arguments::CountArgs, results::Results};
+use self::results::Results;
 use crate::{
     failure::Failure,
     files::output_folder,
@@ -35,7 +34,6 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
 }
 
 fn run_one(args: &FitArgs) -> Result<(), Failure> {
-    args.count.validate()?;
     let image = args.images.first().map(PathBuf::as_path);
     let job = args.job(image, &args.run.output)?;
     output_folder::check(&job.claim)?;
@@ -46,7 +44,6 @@ fn run_one(args: &FitArgs) -> Result<(), Failure> {
         None => FitStart::fresh(args, file.as_ref(), &target)?,
     };
     let backend = args.run.backend.open_to_render_2d(&start.render())?;
-    let start = start.counted(&args.count, &target, &backend)?;
     fit(job, &target, start, &backend)
 }
 
@@ -68,18 +65,6 @@ impl FitStart {
         let mut settings = image_fit::settings(&args.settings, file, target)?;
         settings.render = args.run.effects.choice().for_training(&settings.render);
         Ok(Self::Fresh(Box::new(settings)))
-    }
-
-    /// The start with the number of Gaussians that flags choose, which takes a few fits.
-    fn counted(self, count: &CountArgs, target: &FitImage, on: &Chosen) -> Result<Self, Failure> {
-        match self {
-            Self::Fresh(settings) if count.chooses() => {
-                check_memory(target, &settings)?;
-                output::note(format_args!("looking for the number of Gaussians for {}", target.name()));
-                Ok(Self::Fresh(Box::new(count.apply(&on.rasterizer, target, *settings)?)))
-            }
-            start => Ok(start),
-        }
     }
 
     /// The render settings of the fit. The default if a checkpoint has none: resuming it will fail.

@@ -28,7 +28,6 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
             return Err(Failure::usage("names the checkpoint of one fit, but there are several images").at(flag));
         }
     }
-    args.count.validate()?;
     let file = args.settings.read_file()?;
     for image in images {
         output_folder::check(&job_of(args, image)?.claim)?;
@@ -64,7 +63,7 @@ fn fit_one(
     let job = job_of(args, image)?;
     let target = read_target(args, Some(&image.file), file)?;
     target.remarks.iter().for_each(|remark| output::note(format_args!("{}: {remark}", target.name())));
-    let start = FitStart::fresh(args, file, &target)?.counted(&args.count, &target, on)?;
+    let start = FitStart::fresh(args, file, &target)?;
     let (trainer, log) = start.begin(&on.rasterizer, &target)?;
     let command = command(&target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;

@@ -15,27 +15,27 @@ const STEP_SHARE: f64 = 0.4;
 
 /// The forecast for one image.
 #[derive(Debug, Clone)]
-pub(crate) struct Forecast {
+pub(super) struct Forecast {
     pixels: f64,
     /// (ln of the number of Gaussians, PSNR of the standard fit in dB) by ln.
     known: Vec<(f64, f64)>,
 }
 
 impl Forecast {
-    pub(crate) fn new(target: &Image) -> Self {
+    pub(super) fn new(target: &Image) -> Self {
         Self { pixels: target.pixels().len() as f64, known: Vec::new() }
     }
 
     /// Adds the PSNR of a quick fit. A standard fit is better by an amount that depends on the
     /// density of Gaussians: 1.3 dB with 1,000, 3.4 dB with 20,000 on 768x512 px
     /// (`benchmarks/2026-11-22-xeon-2-cores/kodak.md`).
-    pub(crate) fn add_quick(&mut self, count: u32, psnr: f64) {
+    pub(super) fn add_quick(&mut self, count: u32, psnr: f64) {
         let density = (f64::from(count) / self.pixels * 393.216).ln().clamp(-2.0, 5.0);
         self.add(count, psnr + 1.33 + 0.45 * density + 0.085 * density * density);
     }
 
     /// Adds the PSNR of a standard fit.
-    pub(crate) fn add(&mut self, count: u32, psnr: f64) {
+    pub(super) fn add(&mut self, count: u32, psnr: f64) {
         let at = f64::from(count).ln();
         self.known.retain(|&(known, _)| (known - at).abs() > 0.05);
         self.known.push((at, psnr.min(90.0)));
@@ -44,7 +44,7 @@ impl Forecast {
 
     /// PSNR of a standard fit with this many Gaussians: along the line through the two nearest
     /// known.
-    pub(crate) fn psnr(&self, count: f64) -> f64 {
+    pub(super) fn psnr(&self, count: f64) -> f64 {
         let at = count.max(1.0).ln();
         let after = self.known.partition_point(|&(known, _)| known < at).clamp(1, self.known.len().max(2) - 1);
         match (self.known.get(after - 1), self.known.get(after)) {
@@ -55,13 +55,13 @@ impl Forecast {
     }
 
     /// The step of amplitudes, colour values · px, that goes with a fit of this PSNR.
-    pub(crate) fn step(&self, count: f64, psnr: f64) -> f64 {
+    pub(super) fn step(&self, count: f64, psnr: f64) -> f64 {
         let error = gs_core::metrics::mse_of_psnr(psnr).max(LEAST_ERROR);
         (STEP_SHARE * error * self.pixels * 36.0 / (7.0 * count.max(1.0))).sqrt()
     }
 
     /// The number of Gaussians at which `value` of it, which rises with it, reaches `goal`.
-    pub(crate) fn count_where(&self, goal: f64, value: impl Fn(f64) -> f64) -> u32 {
+    pub(super) fn count_where(&self, goal: f64, value: impl Fn(f64) -> f64) -> u32 {
         let (mut low, mut high) = (0.0, self.most().ln());
         for _ in 0..40 {
             let middle = 0.5 * (low + high);
@@ -71,7 +71,7 @@ impl Forecast {
     }
 
     /// Largest useful number of Gaussians.
-    pub(crate) fn most(&self) -> f64 {
+    pub(super) fn most(&self) -> f64 {
         self.pixels.max(2.0)
     }
 }
