@@ -11,7 +11,6 @@
 //! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_2d`] | [`write_2d`] |
 //! | 2D scenes, `.gsi`, compressed | [`read_gsi`] | [`gs_codec::Picture::encode`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
 //! | … with levels of detail: streamed SOG | [`read_3d`], [`StreamedSog`] | [`write_3d`] |
 //! | edits of 3D scenes: moving, cropping, joining and the like | [`Edit`] | – |
@@ -67,8 +66,7 @@ pub use crate::{
     output_folder::{FolderClaim, OutputFolder},
     picture::draw_with_alpha,
     scene2d::{
-        File2d, GSI_EXTENSION, GsiFile, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, SCENE_EXTENSION, decode_gsi, encode_2d,
-        flat_scene, is_gsi, read_2d, read_gsi, write_2d, write_ply,
+        File2d, GSI_EXTENSION, GsiFile, SCENE_EXTENSION, decode_gsi, encode_2d, is_gsi, read_2d, read_gsi, write_2d,
     },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, Parts3d, Rounding, SpzVersion, StreamedSog,

@@ -35,7 +35,7 @@ pub use crate::{
     error::Error,
     fit::{
         ColorSolve, DiscAndSquare, Fill, Fit, FitSettings, FitSummary, FitTarget, Init, InitKind, InitialCount,
-        PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, Preset, Tune, Viewable, fit, init, mean_color, paper_target, viewable,
+        PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, Preset, Tune, fit, init, mean_color, paper_target,
     },
     run::{
         Clamped, Control, CustomPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,

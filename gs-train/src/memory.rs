@@ -107,13 +107,11 @@ impl FitSettings {
         let needs = self.policy.needs();
         let step = of_step(&self.render, self.loss, needs.statistics);
         // A policy uses the rendering, weights of all pixels, and their order. Results are two
-        // renderings, one of them with ellipses, and what encodes them; those of `Over` are also a
-        // scene for viewers, which is trained beside them.
-        let results = if self.render.effects.blend == Blend::Over { 6 } else { 3 };
+        // renderings, one of them with ellipses, and what encodes them.
         let residual = if needs.residual { 2 * PLANE } else { 0 };
         // Weights are kept for the policy and for the backend, beside what they are made from.
         let weights = if self.tune == Tune::Psnr { 0 } else { 3 * WEIGHT };
-        overhead(pixels) + pixels * (target + step + results * IMAGE + residual + weights) + self.of_gaussians(pixels)
+        overhead(pixels) + pixels * (target + step + 3 * IMAGE + residual + weights) + self.of_gaussians(pixels)
     }
 
     /// Memory of all Gaussians. Evenly spread over the image, each touches as many tiles of 16

@@ -12,14 +12,10 @@ use gs_core::{
 use gs_io::{AnyScene, ConversionLoss, File2d, File3d, decode_scene};
 #[cfg(feature = "page")]
 use gs_io::{WriteOptions3d, encode_2d, encode_3d, png_bytes};
-use gs_train::train::Flat;
 use serde::{Deserialize, Serialize};
 use wasm_bindgen::prelude::*;
 
 use crate::{engine::Engine, failure, parsed, pixels};
-
-/// Horizontal field of view of the first camera, rad, as in `gs render`.
-const FIELD_OF_VIEW: f32 = 0.9;
 
 /// A scene of a file, where the backend computes.
 #[wasm_bindgen]
@@ -131,7 +127,7 @@ impl View {
                 info.sh_degree = file.scene.sh_degree;
                 info.losses = file.losses.iter().map(ConversionLoss::to_string).collect();
                 // The field of view does not depend on the size if that is square.
-                info.home = home(file, SQUARE, SQUARE).map(|(camera, target, up)| Pose {
+                info.home = home(&file.scene, SQUARE, SQUARE).map(|(camera, target, up)| Pose {
                     position: camera.position().to_array(),
                     target: target.to_array(),
                     up: up.to_array(),
@@ -197,7 +193,7 @@ impl View {
                         pose.target.into(),
                         pose.up.into(),
                     ),
-                    None => home(file, width, height).map(|(camera, ..)| camera),
+                    None => home(&file.scene, width, height).map(|(camera, ..)| camera),
                 };
                 let camera = camera.ok_or_else(|| JsError::new("the camera looks straight up or down"))?;
                 Rasterizer::<Scene3d>::draw(self.on, splats, &camera, &settings).await
@@ -211,11 +207,8 @@ impl View {
     }
 }
 
-/// The camera that `gs render` starts with: in front of a flat scene, slightly above any other.
-fn home(file: &File3d, width: u32, height: u32) -> Option<(Camera, Vec3, Vec3)> {
-    if let Some(flat) = Flat::of(&file.scene, file.picture) {
-        return Some((flat.camera((width, height)), flat.center(), flat.up()));
-    }
-    let bulk = Bulk::of(&file.scene)?;
-    Some((bulk.overview(width, height, FIELD_OF_VIEW, Vec3::NEG_Y)?, bulk.center, Vec3::NEG_Y))
+/// The camera that `gs render` starts with, slightly above the scene, what it looks at, and the up direction.
+fn home(scene: &Scene3d, width: u32, height: u32) -> Option<(Camera, Vec3, Vec3)> {
+    let (bulk, up) = (Bulk::of(scene)?, Vec3::NEG_Y);
+    Some((bulk.overview(width, height, Bulk::FIELD_OF_VIEW, up)?, bulk.center, up))
 }

@@ -48,8 +48,6 @@ Examples:
       compress all images of a folder
   gs eval photo.png out/reconstruction.png
       compare two images by PSNR, SSIM and MS-SSIM
-  gs convert out picture.ply
-      make a file for splat viewers of a fit
   gs info images/
       show what is in a COLMAP, Nerfstudio or Blender data set
   gs poses photos/ -o images
@@ -114,7 +112,7 @@ pub(crate) enum Command {
     Serve(ServeArgs),
     /// Compare two images, or a scene with its image or data set: PSNR, SSIM, L1
     Eval(Box<EvalArgs>),
-    /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF, or a 2D scene to a flat PLY
+    /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF
     Convert(Box<ConvertArgs>),
     /// Move, turn, scale, crop, filter or join 3D scenes, or remove floaters
     Edit(Box<EditArgs>),

@@ -1,4 +1,4 @@
-//! `gs convert`: a scene into another format, or a 2D scene into one for viewers, and what is lost.
+//! `gs convert`: a scene into another format, and what is lost.
 
 mod reduction;
 mod scene2d;
@@ -29,11 +29,7 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 A .gsi file or a checkpoint of a 2D scene can be written as .gs2d.safetensors, without loss; a \
-transparent .gsi file is placed on white. For viewers, a 2D scene becomes a flat 3D scene (.ply) \
-that splat viewers show as the image. Viewers blend Gaussians front to back, widen them by 0.3 \
-square pixels, and have no negative colours and no background. So the Gaussians are trained for that first, which takes a \
-second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
-them, with the scene.";
+transparent .gsi file is placed on white.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
@@ -47,7 +43,7 @@ pub(crate) struct ConvertArgs {
     from: PathBuf,
     #[arg(help = format!(
         "The file to write, with the ending of its format: {}; meta.json for a SOG as images in its folder, \
-         lod-meta.json for a streamed SOG with levels of detail; for a 2D scene .ply or .gs2d.safetensors",
+         lod-meta.json for a streamed SOG with levels of detail; for a 2D scene .gs2d.safetensors",
         Format3d::endings()
     ))]
     to: PathBuf,

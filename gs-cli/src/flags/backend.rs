@@ -3,7 +3,7 @@
 use clap::{Args, Parser, builder::NonEmptyStringValueParser};
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, host_threads, open_for};
 use gs_core::{Error, RenderSettings};
-use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use gs_cpu::SimdLevel;
 use gs_lab::study::Machine;
 use gs_wgpu::WgpuSettings;
 
@@ -170,17 +170,6 @@ fn explained(error: Error, request: &Request) -> Failure {
     }
     let message = format_args!("--adapter {name}: no adapter has this in its name: choose from {}", found.join(", "));
     Failure::usage(message)
-}
-
-/// Does work on the CPU that not every backend offers, whatever backend was chosen.
-pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T) -> Result<T, Failure> {
-    match &chosen.rasterizer {
-        cpu @ AnyRasterizer::Cpu(_) => Ok(work(cpu)),
-        _ => {
-            let settings = CpuSettings::default().with(|s| s.threads = Some(chosen.threads));
-            Ok(work(&AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?))))
-        }
-    }
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use gs_io::{
     File3d,
     dataset::{Dataset, View},
 };
-use gs_train::train::{Flat, Focus, extent_of};
+use gs_train::train::{Focus, extent_of};
 
 use super::{
     dataset::ReadingArgs,
@@ -27,15 +27,15 @@ pub(crate) struct Home {
 }
 
 impl Home {
-    /// Faces a flat scene from its front, so that it fills the picture, unless a flag gives the up
-    /// direction. Any other scene is seen from slightly above.
-    pub(crate) fn of(file: &File3d, size: Option<Size>, up: Option<Vec3>) -> Result<Self, Failure> {
-        if let Some(flat) = Flat::of(&file.scene, file.picture).filter(|_| up.is_none()) {
-            let size = size.map_or_else(|| flat.size(), |Size { width, height }| (width, height));
-            return Ok(Self { camera: flat.camera(size), target: flat.center(), up: flat.up() });
-        }
-        let (bulk, up) = (bulk_of(&file.scene)?, up.unwrap_or(UP));
-        Ok(Self { camera: overview(&bulk, size, up)?, target: bulk.center, up })
+    /// Sees most of a scene from slightly above.
+    pub(crate) fn of(scene: &Scene3d, size: Option<Size>, up: Option<Vec3>) -> Result<Self, Failure> {
+        let unseen = || Failure::failed("the scene has no Gaussian that could be seen");
+        let (bulk, up) = (Bulk::of(scene).ok_or_else(unseen)?, up.unwrap_or(UP));
+        let Size { width, height } = size.unwrap_or(SIZE);
+        let camera = bulk.overview(width, height, Bulk::FIELD_OF_VIEW, up).ok_or_else(|| {
+            Failure::failed("the scene is too large to be seen from outside; gs info shows its extent")
+        })?;
+        Ok(Self { camera, target: bulk.center, up })
     }
 
     /// The camera of the view that `--camera` names, with its data set, or else [`Self::of`] the scene.
@@ -47,7 +47,7 @@ impl Home {
         up: Option<Vec3>,
     ) -> Result<(Self, Option<Dataset>), Failure> {
         let Some(name) = name else {
-            let home = Self::of(file, size, up);
+            let home = Self::of(&file.scene, size, up);
             return Ok((home.map_err(|failure| failure.hint("name a camera with --camera DATASET:VIEW"))?, None));
         };
         let dataset = reading.read_for(file, &name.dataset)?;
@@ -61,23 +61,8 @@ impl Home {
 /// Default size of the picture.
 const SIZE: Size = Size { width: 800, height: 600 };
 
-/// Default horizontal field of view, rad.
-const FIELD_OF_VIEW: f32 = 0.9;
-
 /// The default up direction: y points down in most scenes.
 const UP: Vec3 = Vec3::NEG_Y;
-
-/// Where most of a scene is.
-fn bulk_of(scene: &Scene3d) -> Result<Bulk, Failure> {
-    Bulk::of(scene).ok_or_else(|| Failure::failed("the scene has no Gaussian that could be seen"))
-}
-
-/// A camera slightly above that has the whole bulk in view.
-fn overview(bulk: &Bulk, size: Option<Size>, up: Vec3) -> Result<Camera, Failure> {
-    let Size { width, height } = size.unwrap_or(SIZE);
-    bulk.overview(width, height, FIELD_OF_VIEW, up)
-        .ok_or_else(|| Failure::failed("the scene is too large to be seen from outside; gs info shows its extent"))
-}
 
 /// The camera of the view with this name.
 fn of_view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Failure> {

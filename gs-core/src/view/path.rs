@@ -60,6 +60,9 @@ pub struct Bulk {
 }
 
 impl Bulk {
+    /// Usual horizontal field of view of an [`overview`](Self::overview), rad.
+    pub const FIELD_OF_VIEW: f32 = 0.9;
+
     /// The bulk of the Gaussians with more than a tenth of opacity, or of all if there are none.
     /// `None` where no mean is finite.
     pub fn of(scene: &Scene3d) -> Option<Self> {

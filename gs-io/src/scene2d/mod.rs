@@ -1,15 +1,12 @@
 //! Files of 2D scenes.
 //!
-//! [`read_2d`] and [`write_2d`] are lossless; [`read_gsi`] reads compressed pictures. [`write_ply`]
-//! exports for viewers of 3D splats.
+//! [`read_2d`] and [`write_2d`] are lossless; [`read_gsi`] reads compressed pictures.
 
-mod flat_ply;
 mod gsi;
 mod scene_file;
 
 pub(crate) use self::scene_file::{decode_2d, is_2d, read_2d_unchecked};
 pub use self::{
-    flat_ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
     gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi},
     scene_file::{File2d, SCENE_EXTENSION, encode_2d, read_2d, write_2d},
 };

@@ -90,16 +90,13 @@ pub struct File3d {
     pub trained_with: TrainedWith,
     /// All settings that the scene is rendered with; a checkpoint has them, scene files do not.
     pub settings: Option<RenderSettings>,
-    /// The picture's columns and rows, px, if the scene is a flat one that shows a picture
-    /// ([`write_ply`](crate::write_ply)).
-    pub picture: Option<(u32, u32)>,
 }
 
 impl File3d {
     /// A scene of which nothing else is known.
     pub(crate) fn of(format: Format3d, scene: Scene3d) -> Self {
         let (beside, losses, trained_with) = (Vec::new(), Vec::new(), TrainedWith::default());
-        Self { scene, format, bytes: 0, beside, losses, trained_with, settings: None, picture: None }
+        Self { scene, format, bytes: 0, beside, losses, trained_with, settings: None }
     }
 
     /// The file with the further files that were read for it, and their sizes.

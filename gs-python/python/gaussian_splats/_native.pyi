@@ -165,11 +165,7 @@ class Scene2d:
         ``Image.fromarray(array).save("photo.png", icc_profile=scene.profile)``.
         """
     def save(self, path: Path, size: tuple[int, int] | None = None) -> None:
-        """Write the scene to a file.
-
-        ``.gs2d.safetensors`` keeps it without loss. ``.ply`` (for viewers of 3D splats) holds a
-        scene that is trained to look the same there, as ``gs convert`` makes it. :func:`load` reads
-        such a PLY as a :class:`Scene3d`.
+        """Write the scene to a file, ``.gs2d.safetensors``, without loss.
 
         :param size: columns and rows of the image, where the scene does not know them.
         :raises OSError: for a file that cannot be written, or another ending.

@@ -131,10 +131,7 @@ fn point(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec3> {
     arrays::small(argument, value, &[3]).map(|numbers| Vec3::from_slice(&numbers))
 }
 
-/// Horizontal field of view of an overview, rad; that of `gs view`.
-const FIELD_OF_VIEW: f32 = 0.9;
-
 /// A camera slightly above a scene that has most of it in view.
 pub(crate) fn overview(scene: &gs_core::Scene3d, width: u32, height: u32) -> Option<gs_core::Camera> {
-    Bulk::of(scene)?.overview(width, height, FIELD_OF_VIEW, Vec3::NEG_Y)
+    Bulk::of(scene)?.overview(width, height, Bulk::FIELD_OF_VIEW, Vec3::NEG_Y)
 }

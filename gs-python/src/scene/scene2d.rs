@@ -6,11 +6,10 @@ use bytemuck::cast_slice;
 use gs_backend::block_on;
 use gs_core::{Blend, Canvas, Rasterizer as _, RenderSettings, Scene as _};
 use gs_io::{File2d, IccProfile, PngExtras, png_bytes_with};
-use gs_train::viewable;
 use numpy::{PyArray1, PyArray2};
 use pyo3::{
     prelude::*,
-    types::{PyAny, PyBytes, PyDict, PyString},
+    types::{PyAny, PyBytes, PyDict},
 };
 
 use crate::{
@@ -159,13 +158,7 @@ impl Scene2d {
         let (width, height) = self.size_or(size)?;
         let (scene, profile) = (gs_core::Scene2d::clone(&self.scene), self.profile.clone());
         let file = File2d { scene, width, height, settings: self.render(), profile };
-        if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ply")) {
-            return errors::computed(py, || gs_io::write_2d(path, &file));
-        }
-        // GPUs do not offer all that is needed.
-        let cpu = backend::chosen(py, Some(PyString::new(py, "cpu").as_any()))?;
-        let made = cpu.compute_within(py, |on| block_on(viewable(on, &file)))?.file;
-        errors::computed(py, || gs_io::write_ply(path, &made))
+        errors::computed(py, || gs_io::write_2d(path, &file))
     }
 
     #[doc = doc!("Scene2d._repr_png_")]

@@ -2,25 +2,21 @@
 
 mod flat;
 pub mod init;
-mod plane_scene;
 mod presets;
 mod settings;
 mod summary;
 mod target;
 mod task;
 mod tune;
-mod viewable;
 mod whole_fit;
 
 pub use self::{
     flat::mean_color,
     init::{Init, InitKind},
-    plane_scene::Flat,
     presets::Preset,
     settings::{ColorSolve, FitSettings, InitialCount},
     summary::FitSummary,
     target::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
     tune::Tune,
-    viewable::{Viewable, viewable},
     whole_fit::{Fit, FitTarget, fit},
 };

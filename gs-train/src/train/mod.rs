@@ -37,7 +37,6 @@ pub(crate) use self::{
     task::shown,
 };
 pub use crate::{
-    fit::Flat,
     start::{PointInit, Start, StartName},
     views::{Counting, Focus, ImageReading, ImageSource, PosedView, Resolution, Views, extent_of},
 };

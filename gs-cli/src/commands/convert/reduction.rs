@@ -76,7 +76,7 @@ impl ReductionArgs {
         let cameras: Vec<Camera> = match dataset {
             Some(dataset) => dataset.views.iter().map(|view| view.camera).collect(),
             None => {
-                let Home { camera, target, up } = Home::of(file, Some(RING_SIZE), None)?;
+                let Home { camera, target, up } = Home::of(&file.scene, Some(RING_SIZE), None)?;
                 Orbit { center: target, axis: up, frames: RING }.cameras(&camera)
             }
         };

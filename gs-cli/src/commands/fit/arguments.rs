@@ -14,8 +14,6 @@ const AFTER_HELP: &str = "\
 DIR then holds:
   reconstruction.png      the Gaussians rendered at the image's size
   scene.gs2d.safetensors  the Gaussians, for gs view, gs render, gs convert and gs info
-  scene.ply               only with --blend over: a flat 3D scene for splat viewers; gs convert \
-makes one of any scene
   ellipses.png            the most important Gaussians as ellipses over the reconstruction
   metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; \
 metrics.part.csv until the end

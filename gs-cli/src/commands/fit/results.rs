@@ -5,17 +5,17 @@
 use std::{path::Path, thread};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
-use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
-use gs_io::{File2d, write_2d, write_ply, write_png};
+use gs_core::{Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
+use gs_io::{File2d, write_2d, write_png};
 use gs_lab::report::{curve::CurvePoint, ellipses};
-use gs_train::{FitSummary, MetricsLog, SettingsFile as _, Trainer, Viewable, viewable};
+use gs_train::{FitSummary, MetricsLog, SettingsFile as _, Trainer};
 use serde::Serialize;
 
 use crate::{
     failure::Failure,
-    flags::{backend::on_cpu, effects_args},
+    flags::effects_args,
     image_fit::{FitImage, batch::Row},
-    terminal::output::{self, Verbosity},
+    terminal::output::Verbosity,
     training::{
         job::Run,
         results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
@@ -103,7 +103,9 @@ impl Results<'_> {
 
         let fit = thread::scope(|scope| {
             let (file, renderings) = (&file, renderings.as_ref());
-            let drawn = renderings.ok().map(|made| scope.spawn(move || self.write_renderings(file, made)));
+            let drawn = renderings
+                .ok()
+                .map(|made| scope.spawn(move || vec![self.write_picture("reconstruction.png", &made.reconstruction)]));
             let ellipses = background
                 .map(|(picture, canvas)| scope.spawn(move || vec![self.write_ellipses(&file.scene, picture, &canvas)]));
             let others = scope.spawn(|| {
@@ -127,8 +129,8 @@ impl Results<'_> {
         if let Ok(Renderings { reconstruction, .. }) = renderings {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
-        // An existing file is of an earlier training.
-        tried.push(self.run.folder.leave_out(["evaluation.json"]));
+        // Existing files are of an earlier training.
+        tried.push(self.run.folder.leave_out(["evaluation.json", "scene.ply"]));
         let summary = fit.and_then(|fit| self.summary(fit, &file));
         results::end(&self.run.folder, tried, summary, ["summary.json"])
     }
@@ -164,14 +166,13 @@ impl Results<'_> {
         })
     }
 
-    fn write_renderings(&self, file: &File2d, renderings: &Renderings) -> Vec<Result<(), Failure>> {
-        let reconstruction = write_png(self.run.folder.file("reconstruction.png"), &renderings.reconstruction);
-        vec![reconstruction.map_err(Failure::from), self.write_ply(file)]
+    fn write_picture(&self, name: &str, picture: &Image) -> Result<(), Failure> {
+        Ok(write_png(self.run.folder.file(name), picture)?)
     }
 
     fn write_ellipses(&self, scene: &Scene2d, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
         ellipses::draw(&mut picture, scene, canvas);
-        Ok(write_png(self.run.folder.file("ellipses.png"), &picture)?)
+        self.write_picture("ellipses.png", &picture)
     }
 
     /// Draws the ellipses over the reconstruction itself if it is large enough. This comes last, so
@@ -182,22 +183,6 @@ impl Results<'_> {
             true => self.write_ellipses(&file.scene, reconstruction, &canvas),
             false => Ok(()),
         }
-    }
-
-    /// The scene for splat viewers. For a sum none is written: no viewer can show it, and its
-    /// conversion is a training of its own.
-    fn write_ply(&self, file: &File2d) -> Result<(), Failure> {
-        if file.settings.effects.blend == Blend::Sum {
-            return self.run.folder.leave_out(["scene.ply"]);
-        }
-        if file.scene.is_empty() {
-            output::note("note: no Gaussian is left, so there is no scene.ply");
-            return self.run.folder.leave_out(["scene.ply"]);
-        }
-        let Viewable { file, psnr, .. } = on_cpu(self.backend, |cpu| viewable(cpu, file).block_on())??;
-        write_ply(self.run.folder.file("scene.ply"), &file)?;
-        output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));
-        Ok(())
     }
 }
 

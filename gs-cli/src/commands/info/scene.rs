@@ -25,7 +25,7 @@ struct Info {
     /// `null` without Gaussians.
     bytes_per_gaussian: Option<f64>,
     gaussians: usize,
-    /// Columns and rows of the image that a 2D or a flat 3D scene was made for, px.
+    /// Columns and rows of the image that a 2D scene was made for, px.
     picture: Option<(u32, u32)>,
     /// Quantiles of the finite values, by parameter: px in 2D, units of the scene in 3D.
     quantiles: BTreeMap<&'static str, Quantiles>,
@@ -117,7 +117,7 @@ impl Info {
     }
 
     fn of_3d(path: &Path, file: File3d, is_checkpoint: bool) -> Result<Self, Failure> {
-        let File3d { scene, format, bytes, losses, picture, trained_with, .. } = file;
+        let File3d { scene, format, bytes, losses, trained_with, .. } = file;
         let values: [(_, &mut dyn Iterator<Item = f32>); 6] = [
             ("x", &mut scene.means.iter().map(|m| m.x)),
             ("y", &mut scene.means.iter().map(|m| m.y)),
@@ -129,7 +129,6 @@ impl Info {
         Ok(Self {
             kind: if is_checkpoint { "checkpoint of a training in 3D" } else { "3D scene" },
             format: (!is_checkpoint).then(|| format.to_string()),
-            picture,
             sh_degree: Some(scene.sh_degree),
             antialias: trained_with.antialias.map(Antialias::name),
             order: trained_with.order.map(Order::name),
@@ -160,13 +159,12 @@ impl Info {
     fn text(&self) -> String {
         let format = self.format.as_ref().map_or_else(String::new, |format| format!(", {format}"));
         let each = self.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
-        let plane = if self.render.is_none() { ", in a plane" } else { "" };
         let mut rows = vec![
             ("kind", format!("{}{format}", self.kind)),
             ("Gaussians", self.gaussians.to_string()),
             ("size", format!("{}{each}", counted(self.bytes, "byte"))),
         ];
-        rows.extend(self.picture.map(|(width, height)| ("picture", format!("{width}x{height} px{plane}"))));
+        rows.extend(self.picture.map(|(width, height)| ("picture", format!("{width}x{height} px"))));
         if let Some(render) = &self.render {
             rows.push(("blend", render.effects.blend.name().to_owned()));
             rows.push(("background", format!("{:?}", render.background_color())));
@@ -210,7 +208,6 @@ mod tests {
             losses: Vec::new(),
             trained_with: gs_io::TrainedWith::default(),
             settings: None,
-            picture: None,
         };
         Info::of_3d(Path::new("a.ply"), file, false).unwrap()
     }

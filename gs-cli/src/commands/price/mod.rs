@@ -208,7 +208,7 @@ fn of_3d(
 
 /// An orbit of so many frames around a 3D scene, with its first camera.
 fn around(file: &File3d, args: &SeenArgs, frames: u32) -> Result<(Orbit, Camera), Failure> {
-    let Home { camera, target, up } = Home::of(file, args.size, args.up)?;
+    let Home { camera, target, up } = Home::of(&file.scene, args.size, args.up)?;
     camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
     Ok((Orbit { center: target, axis: up, frames }, camera))
 }

@@ -32,9 +32,8 @@ use crate::{
 const AFTER_HELP: &str = "\
 A 2D scene becomes one PNG, of any size or part, with the alpha and the ICC profile of a .gsi file. \
 A 3D scene is rendered from a view of a data set \
-(--camera images/:DSC_0042.JPG), an orbit, or a path. By default, a flat scene is seen from its \
-front, filling the picture, and any other scene from slightly above. For an orbit or a path, \
-OUTPUT is an animated PNG if it ends in .apng, a PNG if it ends in .png and there is a single \
+(--camera images/:DSC_0042.JPG), an orbit, or a path; by default, from slightly above. For an orbit \
+or a path, OUTPUT is an animated PNG if it ends in .apng, a PNG if it ends in .png and there is a single \
 frame, and otherwise a folder of frames. Frames of an earlier, longer film in that folder are \
 removed.
 

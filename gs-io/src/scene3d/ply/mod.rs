@@ -16,7 +16,7 @@ use std::{
 };
 
 use glam::DVec3;
-use gs_core::{Scene, Scene3d, check_size};
+use gs_core::{Scene, Scene3d};
 
 pub(crate) use self::header::{Element, Header, Value};
 use super::{
@@ -34,9 +34,6 @@ const REQUIRED: [&str; 14] = [
     "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1",
     "f_dc_2",
 ];
-
-/// The start of the comment with the size of the picture that the scene shows.
-const PICTURE: &str = "gs picture ";
 
 /// Reads a PLY of either kind.
 pub(crate) fn read(source: &Source<'_>, _: Format3d) -> Result<File3d, Error> {
@@ -80,8 +77,7 @@ pub(crate) fn read(source: &Source<'_>, _: Format3d) -> Result<File3d, Error> {
             losses.extend(rounded_means(&scene, &means, &frame));
         }
     }
-    let picture = header.comments.iter().find_map(|comment| picture_of(comment));
-    Ok(File3d { losses, trained_with, picture, ..File3d::of(Format3d::Ply, scene) })
+    Ok(File3d { losses, trained_with, ..File3d::of(Format3d::Ply, scene) })
 }
 
 /// Whether a property is a number of 64 bits.
@@ -116,18 +112,6 @@ const WORLD_FRAME: &str = "gs world-frame: ";
 /// The frame in such a comment.
 fn world_frame_of(comment: &str) -> Option<WorldFrame> {
     WorldFrame::of_words(&comment.strip_prefix(WORLD_FRAME)?.split(' ').collect::<Vec<_>>())
-}
-
-/// The comment with the size of the picture that a flat scene shows.
-pub(crate) fn picture_comment(width: u32, height: u32) -> String {
-    format!("{PICTURE}{width}x{height}")
-}
-
-/// The size in such a comment; `None` for other comments and impossible sizes.
-fn picture_of(comment: &str) -> Option<(u32, u32)> {
-    let (width, height) = comment.strip_prefix(PICTURE)?.split_once('x')?;
-    let size = (width.parse().ok()?, height.parse().ok()?);
-    check_size(size.0, size.1).is_ok().then_some(size)
 }
 
 /// Calls `row` with the chosen columns of each row of an element; see [`rows::read`].
