@@ -178,14 +178,12 @@ impl From<gs_poses::Error> for Failure {
 
 impl From<gs_lab::Error> for Failure {
     fn from(error: gs_lab::Error) -> Self {
-        use gs_lab::Error::{Arm, Backend, Fit, Form, Io, NoRow, NoTarget, Study, Unknown};
+        use gs_lab::Error::{Arm, Backend, Fit, Form, Io, NoTarget, Study, Unknown};
         match error {
             Fit(error) => error.into(),
             Io(error) => error.into(),
             Backend { .. } => Self { kind: Cause::Backend, message: one_line(error) },
-            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => {
-                Self::usage(error)
-            }
+            Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } => Self::usage(error),
             _ => Self::failed(error),
         }
     }

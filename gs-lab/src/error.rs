@@ -81,7 +81,7 @@ pub enum Error {
     /// The first result is kept.
     #[error(
         "row {row} ({run}): was computed twice, with different results (scene {found} instead of {recorded}), though nothing that is known \
-         differs: repeat it with gs study replay on both machines, and leave out the one that is wrong"
+         differs: repeat it on both machines in other folders, and leave out the one that is wrong"
     )]
     TwoResults {
         /// The row.
@@ -102,14 +102,6 @@ pub enum Error {
     /// An error of jobs that processes share: see [`gs_jobs::Error`].
     #[error(transparent)]
     Jobs(#[from] gs_jobs::Error),
-    /// The study has no such row.
-    #[error("row {row}: the study has rows 1 to {rows}")]
-    NoRow {
-        /// The row that was given.
-        row: usize,
-        /// Number of rows of the study.
-        rows: usize,
-    },
     /// The backend failed for good during a run, such as a GPU that was lost. Nothing is recorded
     /// of the run.
     #[error("row {row} ({run}): {source}: nothing is lost but the runs under way; start gs study again with --resume")]
@@ -120,15 +112,6 @@ pub enum Error {
         run: String,
         /// The backend's error.
         source: gs_core::Error,
-    },
-    /// A replay of a row that was recorded on another machine, by another version or with other settings
-    /// or data, or that ended in another scene.
-    #[error("row {row}: {message}")]
-    Replay {
-        /// The row.
-        row: usize,
-        /// What differs, and what to do.
-        message: String,
     },
     /// An error of a file: see [`gs_io::Error`].
     #[error(transparent)]

@@ -16,11 +16,11 @@ use gs_core::{Scene2d, Scene3d};
 use gs_jobs::{AtEnd, Shard, WorkSettings, slurm};
 use gs_lab::{
     Existing, Places, Plan, Results, StudyFolder, conduct, report,
-    run::{Conducted, Replayed, ReplayedScene, RunOutcome, Watcher},
+    run::{Conducted, RunOutcome, Watcher},
     study::{Arm, Machine, Run},
 };
 use gs_train::CustomPolicy;
-use pyo3::{IntoPyObjectExt, exceptions::PyRuntimeError, prelude::*, types::PyAny};
+use pyo3::{exceptions::PyRuntimeError, prelude::*, types::PyAny};
 use toml::Table;
 
 use crate::{
@@ -123,25 +123,6 @@ impl Study {
     fn report(&self, py: Python<'_>, output: PathBuf) -> PyResult<Vec<String>> {
         let study = self.prepared(py, output, 1, None)?;
         self.reported(py, &study)
-    }
-
-    #[doc = doc!("Study.replay")]
-    fn replay(&self, py: Python<'_>, output: PathBuf, row: usize) -> PyResult<Py<PyAny>> {
-        let Prepared { plan, folder, backends } = self.prepared(py, output, 1, None)?;
-        let replayed =
-            errors::computed(py, || gs_lab::run::replay(&plan, row, backends[0].rasterizer(), &folder, &|_| ()));
-        let Replayed { scene, frame, pictures, settings, .. } =
-            replayed.map_err(|error| self.raised().unwrap_or(error))?;
-        match scene {
-            ReplayedScene::TwoD(scene) => {
-                let (render, size) = (Some(settings), pictures.first().map(gs_core::Image::size));
-                crate::scene::scene2d::Scene2d { scene: Arc::new(scene), render, size, profile: None }.into_py_any(py)
-            }
-            ReplayedScene::ThreeD(scene) => {
-                crate::scene::scene3d::Scene3d::of(scene, Some(settings), frame).into_py_any(py)
-            }
-            _ => Err(PyRuntimeError::new_err("the scene is of a kind that has no class in Python")),
-        }
     }
 
     fn __repr__(&self) -> String {

@@ -57,36 +57,14 @@ def test_a_study(tmp_path: Path) -> None:
     assert study.run(tmp_path / "a", resume=True) == headlines
 
 
-def test_replay(tmp_path: Path) -> None:
-    arms = [gs.Arm("largest", Largest())]
-    study = gs.Study(STUDY, arms)
-    with pytest.raises(ValueError, match="holds no study"):
-        study.replay(tmp_path / "study", 1)
-    study.run(tmp_path / "study")
-    scene = study.replay(tmp_path / "study", 2)
-    assert isinstance(scene, gs.Scene2d) and scene.size is not None
-    with pytest.raises(ValueError, match="row 5"):
-        study.replay(tmp_path / "study", 5)
-
-    class Other(Largest):
-        def plan(self, observation: gs.Observation, rng: np.random.Generator) -> gs.Plan:
-            return gs.Plan()
-
-    with pytest.raises(ValueError, match="row 2"):
-        gs.Study(STUDY, [gs.Arm("largest", Other())]).replay(tmp_path / "study", 2)
-    # The study's file alone does not have the policy.
-    alone = gs.Study(tmp_path / "study" / "study.toml")
-    assert alone.report(tmp_path / "study") == study.report(tmp_path / "study")
-
-
 def test_a_study_whose_policy_is_elsewhere(tmp_path: Path) -> None:
     study = gs.Study(STUDY, [gs.Arm("largest", Largest())])
     study.run(tmp_path / "study")
     alone = gs.Study(tmp_path / "study" / "study.toml")
     with pytest.raises(ValueError, match="largest.*: its policy is code"):
         alone.work(tmp_path / "other")
-    with pytest.raises(ValueError, match="largest.*: its policy is code"):
-        alone.replay(tmp_path / "study", 2)
+    # The tables need no policy.
+    assert alone.report(tmp_path / "study") == study.report(tmp_path / "study")
 
 
 def test_fingerprints_follow_source_and_attributes() -> None:

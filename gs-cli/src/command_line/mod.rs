@@ -396,7 +396,7 @@ mod tests {
             (&["render", "x", "-o", "y", "--up", "w"], "write x, y, z"),
             (&["convert", "x", "y", "--spz-version", "5"], "possible values: 3, 4"),
             (&["study", "x", "--jobs", "0"], "--jobs"),
-            (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
+            (&["study", "work", "x", "--threads", "-1"], "must be from 1 to 1024"),
             (&["profile", "--size", "0x5"], "WIDTHxHEIGHT"),
             (&["profile", "--repetitions", "0"], "must be from 1 to 100000"),
             (&["effects", "x", "--views", "0"], "must be from 1 to 10000"),

@@ -1,4 +1,4 @@
-//! `gs study` from end to end: killed and resumed, replayed, and refused where it is not possible.
+//! `gs study` from end to end: killed and resumed, and refused where it is not possible.
 
 use std::{
     collections::BTreeMap,
@@ -76,7 +76,7 @@ fn a_study_killed_at_random_moments_ends_with_the_tables_of_one_never_stopped() 
 }
 
 #[test]
-fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
+fn a_study_leaves_tables_and_a_report() {
     let place = folder();
     let file = study(place.path());
     let output = place.path().join("out");
@@ -89,17 +89,6 @@ fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
     assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
 
     assert!(page.contains(" --backend cpu --simd "), "what the machine has decided");
-    let replay = gs(["study", "replay", output.to_str().unwrap(), "4", "--backend", "cpu", "--threads", "1"]).done();
-    assert!(replay.stdout.starts_with("row 4: the recorded scene, bit for bit: "), "{replay:?}");
-    let replayed = output.join("replay-4");
-    // The same settings, given to gs fit, end in the same file of Gaussians.
-    let fitted = place.path().join("fit");
-    let image = place.path().join("picture-32x24.png");
-    let settings = replayed.join("settings.toml");
-    let fit = [image.to_str().unwrap(), "-o", fitted.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
-    gs(["fit", "--backend", "cpu"].iter().chain(&fit)).done();
-    let scene = |folder: &Path| fs::read(folder.join("scene.gs2d.safetensors")).unwrap();
-    assert_eq!(scene(&replayed), scene(&fitted));
 }
 
 #[test]
@@ -120,10 +109,6 @@ fn parts_of_a_study_add_up_to_the_whole() {
     assert!(part(&["--seeds", "1"]).refusal().contains("go on with it with --resume"));
     part(&["--resume", "--images", "picture-32x24", "--budgets", "40"]).done();
     assert_eq!(names_in(&parts.join("runs")).len(), 8);
-    // A row number refers to the table in the folder, which is that of the part.
-    let replayed = gs(["study", "replay", parts.to_str().unwrap(), "1"]).done();
-    assert!(replayed.stderr.contains("picture-32x24"), "{replayed:?}");
-    fs::remove_dir_all(parts.join("replay-1")).unwrap();
     part(&["--resume"]).done();
     assert_eq!(tables(&parts), tables(&whole));
     for (flags, expected) in [
@@ -141,30 +126,13 @@ fn parts_of_a_study_add_up_to_the_whole() {
     );
 }
 
-#[test]
-fn a_replay_is_on_what_was_recorded_unless_flags_say_otherwise() {
-    let place = folder();
-    let file = study(place.path());
-    let output = place.path().join("out");
-    gs(arguments(&file, &output).into_iter().chain(["--simd", "baseline"])).done();
-    let replay = |flags: &[&str]| gs(["study", "replay", output.to_str().unwrap(), "2"].iter().chain(flags));
-    assert!(replay(&[]).done().stdout.starts_with("row 2: the recorded scene, bit for bit: "));
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        let run = replay(&["--simd", "avx2"]);
-        let last = run.stderr.lines().last().unwrap();
-        assert!(run.status == Some(1) && last.contains("row 2: recorded on cpu baseline, "), "{run:?}");
-        assert!(last.ends_with("add --backend cpu --simd baseline"), "{run:?}");
-    }
-}
-
 const STUDY_3D: &str = "name = 'small-3d'\nscenes = ['one', 'two']\nbudgets = [120]\nseeds = [0, 1]\npreset = 'quick'\n\
     iterations = 60\n[dataset]\nholdout = 4\n[settings]\nexactly = true\nrender.effects.sh-degree = 1\n\
     [[factor]]\nname = 'start'\nlevel = [{ name = 'points', start = 'points' }, { name = 'random', start = 'random' }]\n\
     [[factor]]\nname = 'policy'\nlevel = [{ name = 'absolute', policy = 'absolute' }, { name = 'mcmc', policy = 'mcmc' }]\n";
 
 #[test]
-fn a_study_of_scenes_is_killed_resumed_and_replayed_like_one_of_images() {
+fn a_study_of_scenes_is_killed_and_resumed_like_one_of_images() {
     let place = folder();
     let data = place.path().join("data");
     for (variant, name) in ["one", "two"].into_iter().enumerate() {
@@ -195,18 +163,6 @@ fn a_study_of_scenes_is_killed_resumed_and_replayed_like_one_of_images() {
         let text = |folder: &Path| fs::read_to_string(folder.join(name)).unwrap();
         assert_eq!(text(&killed), text(&whole));
     }
-
-    // Row 3 starts at random points; gs train ends in the same file with its settings.
-    let replay = gs(["study", "replay", whole.to_str().unwrap(), "3", "--threads", "1"]).done();
-    assert!(replay.stdout.starts_with("row 3: the recorded scene, bit for bit: 120 Gaussians, "), "{replay:?}");
-    let (replayed, trained) = (whole.join("replay-3"), place.path().join("train"));
-    assert!(replayed.join("view-2.png").is_file() && !replayed.join("view-3.png").exists());
-    let settings = replayed.join("settings.toml");
-    let (one, out) = (data.join("one"), trained.to_str().unwrap());
-    let words = ["train", one.to_str().unwrap(), "-o", out, "--settings", settings.to_str().unwrap()];
-    gs(words.iter().chain(&["--start", "random", "--holdout", "4", "--backend", "cpu", "--no-report"])).done();
-    let scene = |folder: &Path| fs::read(folder.join("scene.ply")).unwrap();
-    assert_eq!(scene(&replayed), scene(&trained));
 
     // A part by its scenes; without all arms there are no effects.
     let part = place.path().join("part");
@@ -307,10 +263,7 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     ));
     assert!(line(&["no/such.toml"]).contains("no/such.toml: there is no such file"));
     assert!(line(&[place.path().to_str().unwrap()]).contains("is a folder: name the TOML file of a study"));
-    assert!(line(&["replay", place.path().to_str().unwrap(), "1"]).contains("holds no study"));
+    assert!(line(&["status", place.path().to_str().unwrap()]).contains("holds no study"));
     gs(arguments(&file, &output)).done();
     assert!(gs(arguments(&file, &output)).refusal().contains("holds a study already: go on with it with --resume"));
-    assert!(
-        line(&["replay", output.to_str().unwrap(), "13", "--backend", "cpu"]).contains("the study has rows 1 to 12")
-    );
 }

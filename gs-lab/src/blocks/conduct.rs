@@ -92,7 +92,7 @@ fn train<R: Optimizer<Scene3d>>(
     (settings, watcher): (&WorkSettings, &dyn Watcher<usize>),
 ) -> Result<Option<Trained>, Failed> {
     let checkpoints = JobCheckpoints::new(folder.store(), &folder.addresses()[block], settings.lease);
-    let mut interruptions = Interruptions::new(&block, watcher, Some(checkpoints));
+    let mut interruptions = Interruptions::new(&block, watcher, checkpoints);
     let trained = catch_unwind(AssertUnwindSafe(|| {
         let views = block_views(folder.plan(), block, all)?;
         let resumed =

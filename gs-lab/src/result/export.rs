@@ -10,11 +10,12 @@ use super::{
     contrast::Judged,
     factorial::{Effect, EffectOf},
     remark::ResultRemark,
+    row::Row,
     tables::{Results, RunQuality, Spread},
 };
 use crate::{
     error::Error,
-    run::{CLAIMS, Finished, RESULTS, Row, StudyFolder, VIEWS},
+    run::{CLAIMS, Finished, RESULTS, StudyFolder, VIEWS},
     study::{Machine, Matching, Plan, Run, VERSION},
 };
 

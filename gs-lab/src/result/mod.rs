@@ -11,6 +11,7 @@ mod export;
 mod factorial;
 mod reach;
 pub(crate) mod remark;
+mod row;
 mod statistics;
 mod tables;
 mod verdict;

@@ -17,7 +17,7 @@ use super::{
     record::{Finished, Record, RunOutcome},
     resumption::{Interruptions, JobCheckpoints, remove_checkpoint},
     task::StudyBackend,
-    train::{Replayed, train},
+    train::train,
     watcher::Watcher,
 };
 use crate::{
@@ -179,12 +179,11 @@ fn attempt<R: StudyBackend>(
     let &Place { plan, side_by_side, watcher, .. } = at;
     let checkpoints = JobCheckpoints::new(at.folder.store(), &run.address, at.settings.lease);
     // A run that panicked shares no state with others: its trainer was dropped.
-    let trained = catch_unwind(AssertUnwindSafe(|| {
-        train(plan, run, rasterizer, Interruptions::new(run, watcher, Some(checkpoints)))
-    }));
+    let trained =
+        catch_unwind(AssertUnwindSafe(|| train(plan, run, rasterizer, Interruptions::new(run, watcher, checkpoints))));
     let failed = |error: String| Ok(Some((RunOutcome::Failed { error }, Vec::new())));
     match trained {
-        Ok(Ok(Some(Replayed { pictures, finished, .. }))) => {
+        Ok(Ok(Some((finished, pictures)))) => {
             let finished = Finished { side_by_side, ..finished };
             Ok(Some((RunOutcome::Finished(Box::new(finished)), pictures)))
         }

@@ -1,13 +1,11 @@
 //! Doing the runs of a plan, and what is stored of them.
 //!
-//! [`conduct()`] does the runs that are missing in a [`StudyFolder`] and stores a `Record` of each;
-//! [`replay()`] does one again and compares. Which process does which run is decided by [`gs_jobs`].
+//! [`conduct()`] does the runs that are missing in a [`StudyFolder`] and stores a `Record` of each.
+//! Which process does which run is decided by [`gs_jobs`].
 
 mod conduct;
 mod folder;
 mod record;
-mod recorded;
-mod replay;
 mod result_names;
 mod resumption;
 mod task;
@@ -20,7 +18,6 @@ pub(crate) use self::record::tests;
 pub(crate) use self::{
     conduct::message as panic_message,
     record::{Record, ViewResult},
-    recorded::Row,
     result_names::{CLAIMS, PAGE, PLOTS, RESULTS, VIEWS},
     resumption::{Interruptions, JobCheckpoints, remove_checkpoint},
     task::PICTURED_VIEWS,
@@ -29,8 +26,5 @@ pub use self::{
     conduct::{Conducted, conduct, refuse_unsupported},
     folder::{Existing, Preparation, StudyFolder},
     record::{Finished, RunOutcome},
-    replay::replay,
-    task::ReplayedScene,
-    train::Replayed,
     watcher::{Job, Watcher},
 };

@@ -91,7 +91,7 @@ pub struct Finished {
     pub(crate) edits: EditCounts,
     /// Gaussians that were left out of the last rendering.
     pub(crate) culled: Culled,
-    /// Digest of the scene. A replay must end in the same.
+    /// Digest of the scene. The same run always ends in the same.
     pub(crate) scene: String,
     /// Time spent fitting, s.
     pub seconds: f64,

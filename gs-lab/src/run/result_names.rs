@@ -1,6 +1,6 @@
 //! Names of the files with the results of a study, which its folder protects.
 
-/// The table with everything, which replays read.
+/// The table with everything, which programs read.
 pub(crate) const RESULTS: &str = "results.json";
 /// The table of held-out views.
 pub(crate) const VIEWS: &str = "views.csv";

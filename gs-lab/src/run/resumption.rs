@@ -79,25 +79,23 @@ pub(crate) fn remove_checkpoint(store: &JobStore, address: &str) {
 pub(crate) struct Interruptions<'a, J: Job = Run> {
     job: &'a J,
     watcher: &'a dyn Watcher<J>,
-    /// `None` for a job that is not to be resumed.
-    checkpoints: Option<JobCheckpoints<'a>>,
+    checkpoints: JobCheckpoints<'a>,
     /// When the next checkpoint is due.
-    due: Option<Instant>,
+    due: Instant,
     stops: bool,
     has_failed: bool,
 }
 
 impl<'a, J: Job> Interruptions<'a, J> {
     /// Interruptions of a job from now on.
-    pub(crate) fn new(job: &'a J, watcher: &'a dyn Watcher<J>, checkpoints: Option<JobCheckpoints<'a>>) -> Self {
-        let due = checkpoints.as_ref().map(|checkpoints| Instant::now() + checkpoints.interval);
+    pub(crate) fn new(job: &'a J, watcher: &'a dyn Watcher<J>, checkpoints: JobCheckpoints<'a>) -> Self {
+        let due = Instant::now() + checkpoints.interval;
         Self { job, watcher, checkpoints, due, stops: false, has_failed: false }
     }
 
     /// The checkpoint to go on from; `None` where there is none, or none that can be used.
     pub(crate) fn checkpoint(&self) -> Option<Checkpoint> {
-        let read = self.checkpoints.as_ref()?.read();
-        read.unwrap_or_else(|why| {
+        self.checkpoints.read().unwrap_or_else(|why| {
             self.refuse(why);
             None
         })
@@ -122,20 +120,19 @@ impl<J: Job> Observer for Interruptions<'_, J> {
 
     fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
         // After the last step comes the record.
-        !progress.is_last() && self.due.is_some_and(|due| self.stops || Instant::now() >= due)
+        !progress.is_last() && (self.stops || Instant::now() >= self.due)
     }
 
     /// A full disk does not end the run, which has lost nothing yet.
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), TrainError> {
-        let Some(checkpoints) = &self.checkpoints else { return Ok(()) };
         let started = Instant::now();
-        if let Err(error) = checkpoints.store(checkpoint)
+        if let Err(error) = self.checkpoints.store(checkpoint)
             && !self.has_failed
         {
             self.has_failed = true;
             self.watcher.warned(self.job, &format!("goes on without a checkpoint, which could not be stored: {error}"));
         }
-        self.due = Some(Instant::now() + (started.elapsed() * SHARE_OF_STORING).max(checkpoints.interval));
+        self.due = Instant::now() + (started.elapsed() * SHARE_OF_STORING).max(self.checkpoints.interval);
         Ok(())
     }
 }

@@ -1,44 +1,27 @@
 //! Does one run of a study, from its beginning or its checkpoint on.
 
 use gs_backend::FutureExt as _;
-use gs_core::{Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
-use gs_io::{Checkpoint, WorldFrame};
+use gs_core::{Error as CoreError, Image, Optimizer, Scene2d, Scene3d};
+use gs_io::Checkpoint;
 use gs_train::{Error as TrainError, RunSettings as _, Trainer};
 
 use super::{
     record::Finished,
     resumption::Interruptions,
-    task::{ReplayedScene, StudyBackend, StudyTask},
+    task::{StudyBackend, StudyTask},
     trajectory::Trajectory,
 };
 use crate::study::{ArmSettings, Plan, Run};
 
-/// A replayed run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Replayed {
-    /// The run.
-    pub run: Run,
-    /// The scene, which is the recorded one.
-    pub scene: ReplayedScene,
-    /// The frame of a 3D scene; the world itself for an image.
-    pub frame: WorldFrame,
-    /// The rendering of the scene, not clamped: at the target's size, or for each of the held-out
-    /// views that are shown.
-    pub pictures: Vec<Image>,
-    /// The settings to render the scene with: the effects that it was trained with.
-    pub settings: RenderSettings,
-    /// The numbers; times are measured in the replay.
-    pub finished: Finished,
-}
-
-/// Does a run, from its checkpoint on if it has one, with its scene, pictures and numbers; `None`
-/// where the watcher stopped it.
+/// Does a run, from its checkpoint on if it has one. Returns its numbers, and renderings of the scene that
+/// are not clamped: at the target's size, or for each of the held-out views that are shown; `None` where
+/// the watcher stopped it.
 pub(crate) fn train<R: StudyBackend>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
     interruptions: Interruptions<'_>,
-) -> Result<Option<Replayed>, TrainError> {
+) -> Result<Option<(Finished, Vec<Image>)>, TrainError> {
     match &run.settings {
         ArmSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, interruptions),
         ArmSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, interruptions),
@@ -51,7 +34,7 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
     settings: &S::Settings,
     rasterizer: &R,
     interruptions: Interruptions<'_>,
-) -> Result<Option<Replayed>, TrainError> {
+) -> Result<Option<(Finished, Vec<Image>)>, TrainError> {
     let arm = plan.arm(run);
     let (mut trainer, mut trajectory) = begin::<S, R>(plan, run, settings, rasterizer, &interruptions)?;
     if let Some(policy) = arm.own_policy.as_ref().and_then(|own| S::own(&own.policy)) {
@@ -83,8 +66,7 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         finished.measured.extend(S::further(measure, rasterizer, plan.target(run), settings, &scene)?);
     }
     finished.measured.retain(|_, value| value.is_finite());
-    let (frame, settings) = S::shown(&trainer);
-    Ok(Some(Replayed { run: run.clone(), scene: scene.wrapped(), frame, pictures, settings, finished }))
+    Ok(Some((finished, pictures)))
 }
 
 /// Begins a run, or goes on from its checkpoint.

@@ -19,15 +19,6 @@ mod selection;
 mod settings;
 mod target;
 
-pub(crate) use self::{
-    arm::AnyPolicy,
-    claim::{Choice, Join, Other, Per, Quantity, StatedClaim},
-    clock::Clock,
-    column::{Column, Measure},
-    definition::Matching,
-    settings::{ArmSettings, Planned},
-    target::{StudyTarget, TargetContent},
-};
 pub use self::{
     arm::{Arm, PoseError},
     built_in::{BUILT_IN, built_in},
@@ -36,4 +27,12 @@ pub use self::{
     plan::{Plan, Run, VERSION},
     selection::Selection,
     target::{DatasetReading, Places},
+};
+pub(crate) use self::{
+    claim::{Choice, Join, Other, Per, Quantity, StatedClaim},
+    clock::Clock,
+    column::{Column, Measure},
+    definition::Matching,
+    settings::{ArmSettings, Planned},
+    target::{StudyTarget, TargetContent},
 };

@@ -57,21 +57,6 @@ pub struct Run {
     pub address: String,
 }
 
-impl Run {
-    /// Number of steps.
-    pub fn iterations(&self) -> u32 {
-        self.settings.iterations()
-    }
-
-    /// All settings as the text of a TOML file, which `gs fit --settings` or `gs train --settings` reads.
-    ///
-    /// # Errors
-    /// [`gs_train::Error::UnwritableSettings`] where TOML has no form for them.
-    pub fn settings_file(&self) -> Result<String, gs_train::Error> {
-        self.settings.to_toml()
-    }
-}
-
 impl Plan {
     /// Reads the images or data sets of a study and plans its runs. `machine` names what computes:
     /// see [`Machine::name`].
@@ -120,15 +105,6 @@ impl Plan {
         self.at_budget(budget).skip(arm).step_by(self.study.arms.len().max(1))
     }
 
-    /// The run of a row, counted from 1.
-    ///
-    /// # Errors
-    /// [`Error::NoRow`].
-    pub(crate) fn run(&self, row: usize) -> Result<&Run, Error> {
-        let rows = self.runs.len();
-        row.checked_sub(1).and_then(|index| self.runs.get(index)).ok_or(Error::NoRow { row, rows })
-    }
-
     /// The arm of a run.
     pub(crate) fn arm(&self, run: &Run) -> &Arm {
         &self.study.arms[run.arm]
@@ -153,7 +129,7 @@ impl Plan {
 
     /// The error that this program does not have the policy of an arm.
     pub(crate) fn policy_is_elsewhere(&self, arm: &Arm) -> Error {
-        let message = "its policy is code that this program does not have: do and replay its runs with the program \
+        let message = "its policy is code that this program does not have: do its runs with the program \
                        that has it, such as gaussian_splats.Study of Python";
         wrong(&self.study, arm, None, message.to_owned())
     }
@@ -282,13 +258,12 @@ mod tests {
         }
         let addresses: HashSet<_> = plan.runs.iter().map(|r| &r.address).collect();
         assert_eq!(addresses.len(), 8);
-        let first = plan.run(1).unwrap().settings.of_image();
+        let first = plan.runs[0].settings.of_image();
         assert_eq!((first.seed, first.gaussians, first.iterations, first.initial.resolve(10)), (3, 10, 50, 10));
         for run in &plan.runs {
             let text = toml::to_string(&run.settings.of_image().policy).unwrap();
             assert!(text.contains("shrink = 2.0"), "what all arms have in common: {text}");
         }
-        assert!(matches!(plan.run(0), Err(Error::NoRow { .. })) && plan.run(9).is_err());
     }
 
     #[test]

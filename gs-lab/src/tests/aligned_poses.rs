@@ -4,15 +4,17 @@ use std::num::NonZeroU32;
 
 use gs_io::dataset::{DatasetSettings, read_dataset};
 use gs_jobs::WorkSettings;
-use gs_train::train::{Views, evaluate_aligned};
+use gs_train::{
+    Trainer3d,
+    train::{Views, evaluate_aligned},
+};
 use pollster::FutureExt as _;
 
 use super::scenes::{cpu, laid_out, place};
 use crate::{
     Existing, Results, StudyFolder, conduct,
     result::EffectOf,
-    run::{ReplayedScene, replay},
-    study::Matching,
+    study::{Matching, digest},
 };
 
 const STUDY: &str = "name = 'small'\nscenes = ['one']\nbudgets = [60]\nseeds = [3]\npreset = 'quick'\niterations = 100\n\
@@ -36,17 +38,22 @@ fn all_arms_are_measured_at_aligned_poses() {
     assert_eq!((plan.runs.len(), results.missing().count()), (8, 0));
 
     let settings = DatasetSettings::default().with(|s| s.test_every = NonZeroU32::new(4));
-    let given = Views::of_dataset(&read_dataset(place.path().join("one"), &settings).unwrap());
-    for run in &plan.runs {
-        let replayed = replay(&plan, run.row, &cpu(), &folder, &|_| ()).unwrap();
-        let (end, arm) = (&replayed.finished, plan.arm(run));
-        let ReplayedScene::ThreeD(scene) = &replayed.scene else { panic!("a training") };
+    let (dataset, on) = (read_dataset(place.path().join("one"), &settings).unwrap(), cpu());
+    let given = Views::of_dataset(&dataset);
+    for (run, record) in results.rows() {
+        let (end, arm) = (record.unwrap().outcome.finished().unwrap(), plan.arm(run));
         let views = arm.pose_error.map_or(given.clone(), |error| error.applied(given.clone(), run.seed));
-        let expected = evaluate_aligned(&cpu(), scene, &views.test, &replayed.settings).block_on().unwrap();
+        let settings = run.settings.of_scene();
+        let start = arm.start(&dataset, settings).of(&dataset).unwrap();
+        let mut trainer = Trainer3d::from_views(&on, views.clone(), start, settings.clone()).block_on().unwrap();
+        trainer.run(&mut ()).block_on().unwrap();
+        let scene = trainer.scene().block_on().unwrap();
+        assert_eq!(end.scene, digest::of_scene_3d(&scene));
+        let expected = evaluate_aligned(&on, &scene, &views.test, &trainer.shown()).block_on().unwrap();
         let matched = expected.pose_matched.unwrap();
         assert_eq!((end.psnr, end.ssim, end.l1, end.ms_ssim), (matched.psnr, matched.ssim, matched.l1, None));
         assert_ne!(end.psnr, expected.psnr, "{}: whole views at the given poses", arm.name);
-        assert_eq!((end.views.len(), replayed.pictures.len()), (2, 2));
+        assert_eq!(end.views.len(), 2);
         for (view, expected) in end.views.iter().zip(&expected.views) {
             let matched = expected.pose_matched.unwrap();
             assert_eq!((&view.name, view.psnr, view.l1), (&expected.name, matched.psnr, matched.l1));

@@ -757,5 +757,3 @@ class Study:
         """See :meth:`gaussian_splats.Study.work`."""
     def report(self, output: Path) -> list[str]:
         """See :meth:`gaussian_splats.Study.report`."""
-    def replay(self, output: Path, row: int) -> Scene2d | Scene3d:
-        """See :meth:`gaussian_splats.Study.replay`."""

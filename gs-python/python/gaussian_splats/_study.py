@@ -11,7 +11,6 @@ from typing import Callable
 import numpy as np
 
 from . import _native
-from ._native import Scene2d, Scene3d
 from ._runs import _check
 from ._types import Path, Policy
 
@@ -96,7 +95,7 @@ def _source(cls: type) -> str:
 
 
 class Study:
-    """A study: arms x images or scenes x budgets x seeds, with intervals and exact replay.
+    """A study: arms x images or scenes x budgets x seeds, with intervals.
 
     :param definition: a study's file, its text, or the name of one of the built-in studies.
     :param arms: arms beside those of the definition.
@@ -177,14 +176,3 @@ class Study:
         :raises RuntimeError: if all runs have failed.
         """
         return self._study.report(output)
-
-    def replay(self, output: Path, row: int) -> Scene2d | Scene3d:
-        """Repeat a run, and return its scene, which is the recorded one, bit for bit.
-
-        :param row: a row of the folder's ``runs.csv``, from 1.
-        :raises ValueError: for a folder without a study, where the row, the policy or the machine
-            is not that of the record, and where the scene differs.
-
-        Ctrl-C raises ``KeyboardInterrupt`` at the end of the run, not before.
-        """
-        return self._study.replay(output, row)

@@ -69,7 +69,7 @@ settings; needs no network
   quality.csv             each arm at each budget: mean over images, spread over seeds
   differences.csv         every two arms: paired differences with 95 % intervals, and better, \
 worse, can't tell (0 is in the interval) or no verdict (there is no interval, and a remark says why)
-  runs.csv                one row per run; gs study replay DIR ROW repeats it
+  runs.csv                one row per run
   views.csv               of scenes: the quality of each run on each held-out view
   effects.csv             of factors: main effects and interactions of two, with intervals
   claims.csv              of claims: verdicts, with how often each condition holds, and numbers
@@ -77,7 +77,7 @@ worse, can't tell (0 is in the interval) or no verdict (there is no interval, an
   times.csv, *-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG
   study.toml, machine.json   the study, and the machine that ran it
-  runs/, pictures/        the stored runs, and claims on runs that are under way
+  runs/, pictures/        the stored runs, each with its settings, and claims on runs that are under way
 
 Several processes may work on one study, also on several machines that share DIR: see gs study work.
 
@@ -110,8 +110,6 @@ pub(crate) enum StudyAction {
     Status(HeldStudyArgs),
     /// Write tables and report of the runs that have ended so far
     Report(ReportArgs),
-    /// Repeat one row of a study, and check that its scene is the same, bit for bit
-    Replay(ReplayArgs),
 }
 
 /// A study to run.
@@ -174,27 +172,6 @@ impl PartArgs {
         let Self { images, scenes, budgets, seeds, arms } = self.clone();
         Selection { images, scenes, budgets, seeds, arms }
     }
-}
-
-/// A row to repeat.
-#[derive(Debug, Clone, Args)]
-pub(crate) struct ReplayArgs {
-    /// The folder of the study
-    #[arg(value_name = "DIR")]
-    pub(crate) folder: PathBuf,
-    /// The row of runs.csv, from 1
-    pub(crate) row: usize,
-    /// Folder for the fit or the training: scene, pictures, settings and metrics [default:
-    /// DIR/replay-ROW]
-    #[arg(short, long, value_name = "OUT")]
-    pub(crate) output: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) overwrite: OverwriteArgs,
-    /// Folder of the images or data sets [default: $GS_DATA, or that of the study]
-    #[arg(long, value_name = "DIR")]
-    pub(crate) data: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) backend: BackendArgs,
 }
 
 /// The study in a folder.

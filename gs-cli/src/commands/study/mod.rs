@@ -3,7 +3,6 @@
 mod arguments;
 mod prepare;
 mod progress;
-mod replay;
 mod report;
 mod status;
 mod submit;
@@ -29,7 +28,6 @@ use crate::{
 /// Conducts a study and writes its tables and its report, or does another thing with a study.
 pub(crate) fn run(args: &StudyArgs) -> Result<(), Failure> {
     match &args.action {
-        Some(StudyAction::Replay(args)) => replay::run(args),
         Some(StudyAction::Prepare(args)) => prepare::run(args),
         Some(StudyAction::Work(args)) => work::run(args),
         Some(StudyAction::Submit(args)) => submit::run(args),

@@ -85,7 +85,7 @@ fn read(name: &Path) -> Result<(Study, Option<PathBuf>), Failure> {
     match known {
         Some(Ok(study)) => Ok((study, None)),
         _ if name.is_dir() => {
-            let hint = "name the TOML file of a study; gs study work, status, report and replay take the folder of one";
+            let hint = "name the TOML file of a study; gs study work, status and report take the folder of one";
             Err(Failure::failed("is a folder").at(name.display()).hint(hint))
         }
         Some(Err(unknown)) => Err(unknown.into()),
@@ -101,21 +101,6 @@ pub(super) struct HeldStudy {
 }
 
 impl HeldStudy {
-    /// Reads the study in a folder.
-    pub(super) fn read(folder: StudyFolder, data: Option<&Path>) -> Result<Self, Failure> {
-        let file = folder.study_file();
-        let text = std::fs::read_to_string(&file)
-            .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
-        let study = Study::from_toml(&text, &file.display().to_string())?;
-        let places = Places { remembered: folder.images(), ..places(data, None) };
-        Ok(Self { folder, study, places })
-    }
-
-    /// Whether its runs train 3D scenes.
-    pub(super) fn is_of_scenes(&self) -> bool {
-        self.study.is_of_scenes()
-    }
-
     /// The plan of its runs on a machine.
     pub(super) fn plan(&self, machine: Machine) -> Result<Plan, Failure> {
         Ok(Plan::new(self.study.clone(), &self.places, machine)?)
@@ -129,9 +114,13 @@ impl HeldStudy {
     }
 }
 
-/// The study of a command about a folder.
+/// Reads the study of a command about a folder.
 pub(super) fn held(args: &HeldStudyArgs, overwrite: bool) -> Result<HeldStudy, Failure> {
-    HeldStudy::read(StudyFolder::open(&args.folder, overwrite)?, args.data.as_deref())
+    let folder = StudyFolder::open(&args.folder, overwrite)?;
+    let file = folder.study_file();
+    let study = Study::from_toml(&read_text(&file, "prepare the study again")?, &file.display().to_string())?;
+    let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
+    Ok(HeldStudy { folder, study, places })
 }
 
 /// Where images and data sets are: in the folder of the flag or the environment, and beside the study.

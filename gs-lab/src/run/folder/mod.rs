@@ -72,8 +72,7 @@ pub struct StudyFolder {
 }
 
 impl StudyFolder {
-    /// Creates the folder for a plan, or opens it to resume. The study file is stored in it, so
-    /// that rows can be replayed.
+    /// Creates the folder for a plan, or opens it to resume. The study file is stored in it.
     ///
     /// When a study is resumed, runs that failed and records that were cut short are removed, so
     /// that they are done again.

@@ -4,10 +4,10 @@ use gs_backend::FutureExt as _;
 use gs_core::{
     Blend, Canvas, Error as CoreError, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
 };
-use gs_io::{Checkpoint, WorldFrame};
+use gs_io::Checkpoint;
 use gs_train::{Error as TrainError, FitSettings, FitSummary, Recovery, Trainer};
 
-use super::{Finished, ReplayedScene, StudyTask, shapes, start};
+use super::{Finished, StudyTask, shapes, start};
 use crate::study::{Arm, Clock, Column, Measure, StudyTarget, digest};
 
 impl StudyTask for Scene2d {
@@ -47,10 +47,6 @@ impl StudyTask for Scene2d {
         Ok(vec![image])
     }
 
-    fn shown<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> (WorldFrame, RenderSettings) {
-        (WorldFrame::WORLD, trainer.shown())
-    }
-
     fn further<R: Optimizer<Self>>(
         measure: Measure,
         rasterizer: &R,
@@ -85,10 +81,6 @@ impl StudyTask for Scene2d {
         // Mean, scale, rotation and colour, and opacity where there is one.
         let opacities = self.opacity_logits.iter().filter(|logit| logit.is_finite()).count();
         4 * (8 * self.means.len() + opacities) as u64
-    }
-
-    fn wrapped(self) -> ReplayedScene {
-        ReplayedScene::TwoD(self)
     }
 }
 

@@ -9,7 +9,7 @@ mod start;
 pub(crate) use scene::PICTURED_VIEWS;
 
 use gs_core::{Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
-use gs_io::{Checkpoint, WorldFrame};
+use gs_io::Checkpoint;
 use gs_train::{Error as TrainError, Trainer};
 
 use super::record::Finished;
@@ -51,9 +51,6 @@ pub(crate) trait StudyTask: Planned {
         finished: &mut Finished,
     ) -> Result<Vec<Image>, TrainError>;
 
-    /// The frame of the scene, and settings for rendering it.
-    fn shown<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> (WorldFrame, RenderSettings);
-
     /// What a study measures of a finished run besides the usual; `scene` is its end.
     fn further<R: Optimizer<Self>>(
         measure: Measure,
@@ -71,19 +68,6 @@ pub(crate) trait StudyTask: Planned {
 
     /// Bytes of all parameters as 32-bit floats.
     fn bytes(&self) -> u64;
-
-    /// The scene as one of either kind.
-    fn wrapped(self) -> ReplayedScene;
-}
-
-/// A scene of either kind.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum ReplayedScene {
-    /// The fit of an image.
-    TwoD(Scene2d),
-    /// A trained scene.
-    ThreeD(Scene3d),
 }
 
 impl ArmSettings {

@@ -9,13 +9,13 @@ use gs_backend::FutureExt as _;
 use gs_core::{
     Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
 };
-use gs_io::{Checkpoint, WorldFrame, dataset::Dataset};
+use gs_io::{Checkpoint, dataset::Dataset};
 use gs_train::{
     Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
     train::{Evaluation, PoseMatched, ViewQuality, Views},
 };
 
-use super::{Finished, ReplayedScene, StudyTask, image::wrong_kind};
+use super::{Finished, StudyTask, image::wrong_kind};
 use crate::{
     run::record::ViewResult,
     study::{Arm, Clock, Column, Measure, StudyTarget, digest},
@@ -94,10 +94,6 @@ impl StudyTask for Scene3d {
         Ok(rendered.into_iter().map(|(_, image)| image).collect())
     }
 
-    fn shown<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> (WorldFrame, RenderSettings) {
-        (trainer.views().frame, trainer.shown())
-    }
-
     fn further<R: Optimizer<Self>>(
         _: Measure,
         _: &R,
@@ -129,10 +125,6 @@ impl StudyTask for Scene3d {
     fn bytes(&self) -> u64 {
         // Mean, scale, rotation, opacity, and SH.
         4 * (11 * self.means.len() + 3 * self.sh.len()) as u64
-    }
-
-    fn wrapped(self) -> ReplayedScene {
-        ReplayedScene::ThreeD(self)
     }
 }
 

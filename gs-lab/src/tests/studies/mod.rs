@@ -1,10 +1,9 @@
-//! Studies of images from end to end: which runs are stored, resumed and replayed, and what the
-//! tables contain.
+//! Studies of images from end to end: which runs are stored and resumed, and what the tables
+//! contain.
 
 mod damage;
 mod folders;
 mod own_policies;
-mod replays;
 mod results;
 mod running;
 
@@ -107,5 +106,5 @@ impl Watcher for Counter {
 
 /// The file of a row's record.
 fn record(output: &Path, plan: &Plan, row: usize) -> PathBuf {
-    output.join("runs").join(format!("{}.json", plan.run(row).unwrap().address))
+    output.join("runs").join(format!("{}.json", plan.runs[row - 1].address))
 }

@@ -2,8 +2,12 @@
 
 use std::{fs, thread};
 
-use crate::{Error, Existing, Results, StudyFolder, conduct, result::write_tables, run::Conducted};
+use crate::{
+    Error, Existing, Results, StudyFolder, conduct, result::write_tables, run::Conducted, study::digest::of_scene,
+};
 use gs_jobs::{Shard, WorkSettings};
+use gs_train::fit;
+use pollster::FutureExt as _;
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};
 
@@ -22,6 +26,19 @@ fn tables_depend_neither_on_jobs_nor_on_threads_nor_on_a_pause() {
     let paused = place.path().join("paused");
     assert!(matches!(StudyFolder::prepare(&paused, &plan, Existing::Refuse), Err(Error::Folder { .. })));
     assert_eq!(tables(&alone), tables(&conducted(&plan, &paused, 1, 1)));
+}
+
+#[test]
+fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let folder = conducted(&plan, &place.path().join("out"), 2, 1);
+    for run in [&plan.runs[0], &plan.runs[3], &plan.runs[plan.runs.len() - 1]] {
+        let record = folder.record(run).unwrap().unwrap();
+        let (image, settings) = (plan.target(run).image().unwrap(), run.settings.of_image());
+        let as_fit = fit(&cpu(2), image, settings.clone(), &mut ()).block_on().unwrap();
+        assert_eq!(of_scene(&as_fit.scene), record.outcome.finished().unwrap().scene);
+    }
 }
 
 #[test]

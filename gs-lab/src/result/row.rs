@@ -1,30 +1,27 @@
 //! Rows of a study's tables, as they are stored in `results.json`.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use super::{
-    folder::StudyFolder,
-    record::{Record, RunOutcome},
-    result_names::RESULTS,
+use crate::{
+    run::{Record, RunOutcome},
+    study::{Plan, Run},
 };
-use crate::study::{Machine, Plan, Run};
 
 /// One run in `runs.csv` and `results.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct Row {
     pub(crate) row: usize,
     pub(crate) arm: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) image: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) data_set: Option<String>,
     pub(crate) budget: u32,
     pub(crate) seed: u32,
     pub(crate) address: String,
     pub(crate) status: String,
     pub(crate) gaussians: Option<u32>,
-    #[serde(default)]
     pub(crate) bytes: Option<u64>,
     pub(crate) iterations: Option<u32>,
     pub(crate) psnr: Option<f64>,
@@ -66,18 +63,4 @@ impl Row {
             error,
         }
     }
-}
-
-/// The part of `results.json` that is read.
-#[derive(Debug, Deserialize)]
-pub(crate) struct Recorded {
-    pub(crate) version: String,
-    #[serde(flatten)]
-    pub(crate) machine: Machine,
-    pub(crate) runs: Vec<Row>,
-}
-
-/// The rows as they were last written, if they can be read.
-pub(crate) fn recorded(folder: &StudyFolder) -> Option<Recorded> {
-    serde_json::from_slice(&std::fs::read(folder.file(RESULTS)).ok()?).ok()
 }
