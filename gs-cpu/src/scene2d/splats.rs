@@ -3,7 +3,7 @@
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, SavedState, Scene, Scene2d,
-    SplatsState,
+    SplatsState, check_len,
     edit::{Moments, Source},
     logit,
     math::whitened::aligned,
@@ -82,10 +82,7 @@ impl Splats2d {
             ("gradient_sum", self.shared.statistics.signal_sum.len()),
             ("visible", self.shared.statistics.visible.len()),
         ];
-        match lengths.into_iter().find(|&(_, found)| found != self.len()) {
-            None => Ok(()),
-            Some((what, found)) => Err(Error::Length { what, expected: self.len(), found }),
-        }
+        lengths.into_iter().try_for_each(|(what, found)| check_len(what, self.len(), found))
     }
 }
 

@@ -91,9 +91,7 @@ pub fn effect_prices<S: RequiresEffects, R: Rasterizer<S>>(
     wanted: &RenderSettings,
     rounds: usize,
 ) -> Result<EffectPrices, Error> {
-    if views.is_empty() {
-        return Err(Error::setting("the number of views", 0, "at least 1"));
-    }
+    Error::within("the number of views", views.len(), 1.., "at least 1")?;
     let seen = Seen { renderer: &Loaded::new(rasterizer, scene)?, views };
     let proof = seen.borne_out(Effects::required(scene, views, wanted)?, wanted)?;
     let prices = seen.prices(wanted, &proof.required.settings, rounds)?;

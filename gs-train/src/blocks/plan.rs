@@ -53,9 +53,7 @@ impl BlocksSettings {
             return Err(CoreError::setting("the number of blocks", format!("{columns}x{rows}"), "at least 1x1"));
         }
         for (what, value) in [("margin", margin), ("threshold", threshold)] {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(CoreError::setting(what, value, "0 to 1"));
-            }
+            CoreError::within(what, value, 0.0..=1.0, "0 to 1")?;
         }
         Ok(())
     }

@@ -85,9 +85,7 @@ impl Floaters {
         render: &RenderSettings,
         most_loss: f64,
     ) -> Result<Self, Error> {
-        if !(most_loss >= 0.0) {
-            return Err(gs_core::Error::setting("the loss of floaters", most_loss, "at least 0 dB").into());
-        }
+        gs_core::Error::within("the loss of floaters", most_loss, 0.0.., "at least 0 dB")?;
         views.validate()?;
         let train = &views.train;
         let mut soft = scene.clone();

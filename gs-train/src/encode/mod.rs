@@ -89,9 +89,8 @@ pub async fn encode<R: Optimizer<Scene2d>>(
     settings.validate()?;
     let EncodeImage { image, alpha, profile } = image.into();
     TargetImage { alpha, ..image.into() }.validate()?;
-    if profile.len() > usize::from(u16::MAX) {
-        return Err(gs_core::Error::setting("the length of the profile", profile.len(), "at most 65,535 bytes").into());
-    }
+    let most = usize::from(u16::MAX);
+    gs_core::Error::within("the length of the profile", profile.len(), ..=most, "at most 65,535 bytes")?;
     let alpha = alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX));
     if alpha.is_some() {
         check_one_piece(image.size(), settings)?;

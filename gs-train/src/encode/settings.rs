@@ -70,14 +70,9 @@ impl EncodeTarget {
     /// Checks its range.
     fn validate(self) -> Result<(), Error> {
         match self {
-            Self::Bytes(bytes) if bytes < LEAST_BYTES => {
-                Err(Error::setting("the number of bytes", bytes, "at least 64"))
-            }
-            Self::Psnr(psnr) if !(10.0..=60.0).contains(&psnr) => Err(Error::setting("the PSNR", psnr, "10 to 60 dB")),
-            Self::Quality(quality) if !(1..=100).contains(&quality) => {
-                Err(Error::setting("the quality", quality, "1 to 100"))
-            }
-            _ => Ok(()),
+            Self::Bytes(bytes) => Error::within("the number of bytes", bytes, LEAST_BYTES.., "at least 64"),
+            Self::Psnr(psnr) => Error::within("the PSNR", psnr, 10.0..=60.0, "10 to 60 dB"),
+            Self::Quality(quality) => Error::within("the quality", quality, 1..=100, "1 to 100"),
         }
     }
 

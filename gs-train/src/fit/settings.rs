@@ -216,24 +216,18 @@ impl FitSettings {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range, and what is allowed.
     pub fn validate(&self) -> Result<(), Error> {
-        if self.gaussians == 0 {
-            return Err(Error::setting("the number of Gaussians", 0, "at least 1"));
-        }
-        if self.gaussians > MAX_GAUSSIANS {
-            return Err(Error::setting("the number of Gaussians", self.gaussians, "at most 100,000,000"));
-        }
+        Error::within("the number of Gaussians", self.gaussians, 1..=MAX_GAUSSIANS, "1 to 100,000,000")?;
         match self.initial {
-            InitialCount::Fixed(count) if !(1..=self.gaussians).contains(&count) => {
-                return Err(Error::setting("the initial number of Gaussians", count, "1 to the number of Gaussians"));
+            InitialCount::Fixed(count) => {
+                let allowed = "1 to the number of Gaussians";
+                Error::within("the initial number of Gaussians", count, 1..=self.gaussians, allowed)?;
             }
-            InitialCount::Fraction(part) if !(part > 0.0 && part <= 1.0) => {
-                return Err(Error::setting("the initial part of the Gaussians", part, "above 0 and at most 1"));
+            InitialCount::Fraction(part) => {
+                let range = f32::MIN_POSITIVE..=1.0;
+                Error::within("the initial part of the Gaussians", part, range, "above 0 and at most 1")?;
             }
-            _ => {}
         }
-        if self.rebin_every == 0 {
-            return Err(Error::setting("rebin-every", 0, "at least 1"));
-        }
+        Error::within("rebin-every", self.rebin_every, 1.., "at least 1")?;
         if self.tune != Tune::Psnr && !self.loss.is_pointwise() {
             return Err(Error::setting("the loss under tune = \"ssim\"", self.loss, "l2 or l1"));
         }

@@ -207,10 +207,9 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         let target = target.into();
         target.image.check_finite("the target")?;
         scene.validate()?;
-        if scene.len() > settings.gaussians as usize {
-            let allowed = "at most the number of Gaussians allowed";
-            return Err(gs_core::Error::setting("the number of Gaussians at the start", scene.len(), allowed).into());
-        }
+        let allowed = "at most the number of Gaussians allowed";
+        let most = settings.gaussians as usize;
+        gs_core::Error::within("the number of Gaussians at the start", scene.len(), ..=most, allowed)?;
         let started = Instant::now();
         let splats = rasterizer.upload(scene, settings.parameterization)?;
         let task = ImageTask::new(rasterizer, target, &settings)?;

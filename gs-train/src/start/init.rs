@@ -67,22 +67,12 @@ impl PointInit {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
     pub(crate) fn validate(&self) -> Result<(), Error> {
-        if !(self.opacity > 0.0 && self.opacity < 1.0) {
-            return Err(Error::setting("the initial opacity", self.opacity, "above 0 and below 1"));
-        }
-        if !(self.scale > 0.0 && self.scale.is_finite()) {
-            return Err(Error::setting("the initial scale", self.scale, "positive and finite"));
-        }
-        if self.random == 0 {
-            return Err(Error::setting("the number of random points", 0, "at least 1"));
-        }
-        if !(0.0..=1.0).contains(&self.search_below) {
-            return Err(Error::setting("search-below", self.search_below, "0 to 1"));
-        }
-        if self.most_points == Some(0) {
-            return Err(Error::setting("the largest number of points to start from", 0, "at least 1"));
-        }
-        Ok(())
+        Error::within("the initial opacity", self.opacity, f32::MIN_POSITIVE..1.0, "above 0 and below 1")?;
+        Error::within("the initial scale", self.scale, f32::MIN_POSITIVE..=f32::MAX, "positive and finite")?;
+        Error::within("the number of random points", self.random, 1.., "at least 1")?;
+        Error::within("search-below", self.search_below, 0.0..=1.0, "0 to 1")?;
+        let most = self.most_points.unwrap_or(1);
+        Error::within("the largest number of points to start from", most, 1.., "at least 1")
     }
 }
 
@@ -180,10 +170,8 @@ impl Start {
         let points = match self {
             Self::Scene(scene) => {
                 scene.validate()?;
-                if !(1..=budget).contains(&scene.len()) {
-                    let allowed = "at least 1 and at most the number of Gaussians allowed";
-                    return Err(Error::setting("the number of Gaussians at the start", scene.len(), allowed));
-                }
+                let allowed = "at least 1 and at most the number of Gaussians allowed";
+                Error::within("the number of Gaussians at the start", scene.len(), 1..=budget, allowed)?;
                 return Ok(with_degree(&scene, sh_degree));
             }
             Self::Points(points) | Self::PointsAndImages(points) => points,

@@ -78,13 +78,8 @@ impl DepthLoss {
     /// # Errors
     /// [`gs_core::Error::Setting`] naming the first value outside its range.
     pub(crate) fn validate(&self) -> Result<(), gs_core::Error> {
-        if !(self.weight >= 0.0 && self.weight.is_finite()) {
-            return Err(gs_core::Error::setting("depth-loss.weight", self.weight, "at least 0 and finite"));
-        }
-        if !(self.decay > 0.0 && self.decay <= 1.0) {
-            return Err(gs_core::Error::setting("depth-loss.decay", self.decay, "above 0 and at most 1"));
-        }
-        Ok(())
+        gs_core::Error::within("depth-loss.weight", self.weight, 0.0..=f32::MAX, "at least 0 and finite")?;
+        gs_core::Error::within("depth-loss.decay", self.decay, f32::MIN_POSITIVE..=1.0, "above 0 and at most 1")
     }
 
     /// The weight at `progress` in 0..=1 of the run.

@@ -259,9 +259,7 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     render: &RenderSettings,
     look: &Look<'_>,
 ) -> Result<Evaluation, Error> {
-    if views.is_empty() {
-        return Err(gs_core::Error::setting("the number of test views", 0, "at least 1").into());
-    }
+    gs_core::Error::within("the number of test views", views.len(), 1.., "at least 1")?;
     let mut culled = Culled::default();
     let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
     let together = together(views.iter().copied());

@@ -254,24 +254,16 @@ impl TrainSettings {
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range, and what is allowed.
     pub fn validate(&self) -> Result<(), Error> {
-        if !(1..=MAX_GAUSSIANS).contains(&self.gaussians) {
-            return Err(Error::setting("the number of Gaussians", self.gaussians, "1 to 100,000,000"));
-        }
-        if self.fixed >= self.gaussians {
-            return Err(Error::setting("the number of fixed Gaussians", self.fixed, "less than that of all"));
-        }
+        Error::within("the number of Gaussians", self.gaussians, 1..=MAX_GAUSSIANS, "1 to 100,000,000")?;
+        Error::within("the number of fixed Gaussians", self.fixed, ..self.gaussians, "less than that of all")?;
         if self.fixed > 0 && self.refine_poses != RefinePoses::Off {
             return Err(Error::setting("refine-poses", self.refine_poses, "off where some Gaussians are fixed"));
         }
-        if !(self.gaussians_per_point >= 0.0 && self.gaussians_per_point.is_finite()) {
-            return Err(Error::setting("gaussians-per-point", self.gaussians_per_point, "finite and not negative"));
-        }
-        if self.extent.is_some_and(|extent| !(extent > 0.0 && extent.is_finite())) {
-            return Err(Error::setting("the extent", self.extent.unwrap_or_default(), "positive and finite"));
-        }
-        if !(0.0..=1.0).contains(&self.average_last) {
-            return Err(Error::setting("average-last", self.average_last, "0 to 1"));
-        }
+        let per_point = self.gaussians_per_point;
+        Error::within("gaussians-per-point", per_point, 0.0..=f32::MAX, "finite and not negative")?;
+        let extent = self.extent.unwrap_or(1.0);
+        Error::within("the extent", extent, f32::MIN_POSITIVE..=f32::MAX, "positive and finite")?;
+        Error::within("average-last", self.average_last, 0.0..=1.0, "0 to 1")?;
         self.init.validate()?;
         self.policy.validate_3d()?;
         self.rounds.validate()?;

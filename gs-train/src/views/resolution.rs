@@ -53,10 +53,7 @@ impl Resolution {
         if ![2, 4, 8].contains(&from) {
             return Err(Error::setting("resolution.from", from, "2, 4 or 8"));
         }
-        if !(0.0..=1.0).contains(&full_after) {
-            return Err(Error::setting("resolution.full-after", full_after, "0 to 1"));
-        }
-        Ok(())
+        Error::within("resolution.full-after", full_after, 0.0..=1.0, "0 to 1")
     }
 }
 

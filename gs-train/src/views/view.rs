@@ -2,7 +2,7 @@
 
 use std::{fmt, path::PathBuf, sync::Arc};
 
-use gs_core::{Camera, Image};
+use gs_core::{Camera, Image, check_len, check_same_size};
 use gs_io::{
     WorldFrame,
     dataset::{AlphaMeaning, CompactImage, Dataset, DepthMap, PosedImage, Split, View, Window},
@@ -179,18 +179,10 @@ impl PosedView {
     pub fn image(&self) -> Result<PosedImage, Error> {
         let posed = self.source.read()?;
         let PosedImage { image, alpha, mask } = &posed;
-        let (left_width, left_height) = image.size();
-        let (right_width, right_height) = (self.camera.width, self.camera.height);
-        if (left_width, left_height) != (right_width, right_height) {
-            return Err(gs_core::Error::SizesDiffer { left_width, left_height, right_width, right_height }.into());
-        }
+        check_same_size(image.size(), (self.camera.width, self.camera.height))?;
         let expected = image.pixels().len();
-        let lengths = [("alpha", alpha.as_ref().map(Vec::len)), ("mask", mask.as_ref().map(Vec::len))];
-        for (what, found) in lengths.into_iter().filter_map(|(what, len)| Some((what, len?))) {
-            if found != expected {
-                return Err(gs_core::Error::Length { what, expected, found }.into());
-            }
-        }
+        alpha.iter().try_for_each(|alpha| check_len("alpha", expected, alpha.len()))?;
+        mask.iter().try_for_each(|mask| check_len("mask", expected, mask.len()))?;
         image.check_finite("the image of a view")?;
         Ok(posed)
     }
@@ -304,9 +296,7 @@ impl Views {
     /// # Errors
     /// [`gs_core::Error::Setting`] naming the view.
     pub(crate) fn validate(&self) -> Result<(), gs_core::Error> {
-        if self.train.is_empty() {
-            return Err(gs_core::Error::setting("the number of views to train with", 0, "at least 1"));
-        }
+        gs_core::Error::within("the number of views to train with", self.train.len(), 1.., "at least 1")?;
         for view in self.train.iter().chain(&self.test) {
             view.camera.validate().map_err(|error| {
                 gs_core::Error::setting("a view", format!("`{}` ({error})", view.name), "one with a possible camera")

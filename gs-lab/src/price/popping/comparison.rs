@@ -68,19 +68,13 @@ impl SlowOrbit {
         let least = 2 * STRIDES[STRIDES.len() - 1] as u32 + 1;
         let in_all = u64::from(frames) * u64::from(orbit.frames);
         let pixels = u64::from(first.width) * u64::from(first.height);
-        let check = |is_possible: bool, what, value: f64, possible| match is_possible {
-            true => Ok(()),
-            false => Err(CoreError::setting(what, value, possible)),
-        };
-        check((least..=MOST_FRAMES).contains(&frames), "frames of a stretch", frames.into(), "9 to 10,000")?;
-        let stretches = f64::from(orbit.frames);
-        check((1..=MOST_FRAMES).contains(&orbit.frames), "stretches of the orbit", stretches, "1 to 10,000")?;
-        let is_step = step_degrees > 0.0 && step_degrees <= 5.0;
-        check(is_step, "the step between frames", step_degrees.into(), "above 0, at most 5 degrees")?;
-        let what = "frames of all stretches together";
-        check(in_all <= MOST_FRAMES_IN_ALL, what, in_all as f64, "at most 1,000,000")?;
+        CoreError::within("frames of a stretch", frames, least..=MOST_FRAMES, "9 to 10,000")?;
+        CoreError::within("stretches of the orbit", orbit.frames, 1..=MOST_FRAMES, "1 to 10,000")?;
+        let steps = f32::MIN_POSITIVE..=5.0;
+        CoreError::within("the step between frames", step_degrees, steps, "above 0, at most 5 degrees")?;
+        CoreError::within("frames of all stretches together", in_all, ..=MOST_FRAMES_IN_ALL, "at most 1,000,000")?;
         let most = "at most 8,388,608, such as 3840x2160";
-        check(pixels <= MOST_PIXELS, "pixels of a frame", pixels as f64, most)?;
+        CoreError::within("pixels of a frame", pixels, ..=MOST_PIXELS, most)?;
         let angle = |frame: u32| (step_degrees * frame as f32).to_radians();
         let stretch = |begin| (0..frames).map(|frame| orbit.turned(begin, angle(frame))).collect();
         Ok(orbit.cameras(first).iter().map(stretch).collect())

@@ -56,21 +56,12 @@ impl Default for Guided {
 
 impl Guided {
     pub(super) fn validate(&self) -> Result<(), Error> {
-        if !(0.0..=1.0).contains(&self.uniform_fraction) {
-            return Err(Error::setting("the initial uniform-fraction", self.uniform_fraction, "0 to 1"));
-        }
-        if self.smoothing_passes > 64 {
-            return Err(Error::setting("the initial smoothing-passes", self.smoothing_passes, "0 to 64"));
-        }
-        if self.lloyd_steps > 100 {
-            return Err(Error::setting("the initial lloyd-steps", self.lloyd_steps, "0 to 100"));
-        }
+        Error::within("the initial uniform-fraction", self.uniform_fraction, 0.0..=1.0, "0 to 1")?;
+        Error::within("the initial smoothing-passes", self.smoothing_passes, ..=64, "0 to 64")?;
+        Error::within("the initial lloyd-steps", self.lloyd_steps, ..=100, "0 to 100")?;
         positive("the initial max-per-pixel", self.max_per_pixel)?;
         positive("the initial sigma-factor", self.sigma_factor)?;
-        if !(self.max_aspect >= 1.0 && self.max_aspect.is_finite()) {
-            return Err(Error::setting("the initial max-aspect", self.max_aspect, "finite and at least 1"));
-        }
-        Ok(())
+        Error::within("the initial max-aspect", self.max_aspect, 1.0..=f32::MAX, "finite and at least 1")
     }
 
     pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {

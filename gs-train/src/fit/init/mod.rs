@@ -101,15 +101,12 @@ impl Init {
                 guided.opacity
             }
         };
-        if !(opacity > 0.0 && opacity < 1.0) {
-            return Err(Error::setting("the initial opacity", opacity, "above 0 and below 1"));
-        }
-        Ok(())
+        Error::within("the initial opacity", opacity, f32::MIN_POSITIVE..1.0, "above 0 and below 1")
     }
 }
 
 fn positive(what: &'static str, value: f32) -> Result<(), Error> {
-    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(Error::setting(what, value, "positive and finite")) }
+    Error::within(what, value, f32::MIN_POSITIVE..=f32::MAX, "positive and finite")
 }
 
 /// The opacity logit in a scene for this blending: that of `opacity`, or +∞ for none.
