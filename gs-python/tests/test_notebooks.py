@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,11 @@ TUTORIAL = Path(__file__).parents[1] / "examples" / "tutorial.ipynb"
 
 def test_scenes_show_themselves(scene_2d: gs.Scene2d, scene_3d: gs.Scene3d, tmp_path: Path) -> None:
     assert scene_2d._repr_png_() is None
-    html = scene_2d._repr_html_()
-    assert "12 Gaussians" in html and "<img" not in html
     scene_2d.save(tmp_path / "scene.gs2d.safetensors", size=(32, 24))
     loaded = gs.load(tmp_path / "scene.gs2d.safetensors")._repr_png_()
     shown = scene_3d._repr_png_()
     assert loaded is not None and loaded.startswith(PNG)
     assert shown is not None and shown.startswith(PNG)
-    assert base64.b64encode(shown).decode() in scene_3d._repr_html_()
-    assert "10 Gaussians of SH degree 1" in scene_3d._repr_html_()
 
 
 def test_curves(image: np.ndarray) -> None:

@@ -172,8 +172,6 @@ class Scene2d:
         """
     def _repr_png_(self) -> bytes | None:
         """The rendering, for notebooks; None where the size is not known."""
-    def _repr_html_(self) -> str:
-        """The rendering and a line of text, for notebooks."""
     def __len__(self) -> int: ...
 
 @final
@@ -253,8 +251,6 @@ class Scene3d:
         """
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""
-    def _repr_html_(self) -> str:
-        """The same picture and a line of text, for notebooks."""
     def __len__(self) -> int: ...
 
 def load(path: Path) -> Scene2d | Scene3d:
@@ -554,8 +550,6 @@ class Fit:
         """
     def _repr_png_(self) -> bytes:
         """The rendering, for notebooks."""
-    def _repr_html_(self) -> str:
-        """The rendering and a line of text, for notebooks."""
 
 @final
 class FitRun:
@@ -610,8 +604,6 @@ class Training:
         """
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""
-    def _repr_html_(self) -> str:
-        """The same picture and a line of text, for notebooks."""
 
 @final
 class TrainRun:

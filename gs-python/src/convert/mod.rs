@@ -1,6 +1,5 @@
-//! Between values of Python and of Rust: arrays, settings, errors, pictures in notebooks.
+//! Between values of Python and of Rust: arrays, settings, errors.
 
 pub(crate) mod arrays;
 pub(crate) mod errors;
-pub(crate) mod notebook;
 pub(crate) mod settings;

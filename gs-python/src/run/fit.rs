@@ -20,7 +20,6 @@ use crate::{
     convert::{
         arrays,
         errors::IntoPython,
-        notebook,
         settings::{self, Given},
     },
     density::policy::PolicyArgument,
@@ -187,10 +186,5 @@ impl Fit {
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let image = arrays::image("image", self.image.bind(py).as_any())?;
         Ok(PyBytes::new(py, &gs_io::png_bytes(&image)))
-    }
-
-    #[doc = doc!("Fit._repr_html_")]
-    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
-        notebook::figure(this.as_any(), Some(this.get()._repr_png_(this.py())?))
     }
 }

@@ -29,7 +29,6 @@ use crate::{
     backend,
     convert::{
         errors::{self, IntoPython},
-        notebook,
         settings::{self, Given},
     },
     density::policy::PolicyArgument,
@@ -235,10 +234,5 @@ impl Training {
     #[doc = doc!("Training._repr_png_")]
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         self.scene.get().png(py)
-    }
-
-    #[doc = doc!("Training._repr_html_")]
-    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
-        notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
     }
 }

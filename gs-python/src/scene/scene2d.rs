@@ -17,7 +17,6 @@ use crate::{
     convert::{
         arrays::{self, Side, Values},
         errors::{self, IntoPython},
-        notebook,
     },
 };
 
@@ -169,10 +168,5 @@ impl Scene2d {
             .compute(py, |on| block_on(on.render(&*scene, &Canvas::new(width, height), &settings)))?;
         let extras = PngExtras { profile: self.profile.as_ref(), ..PngExtras::default() };
         Ok(Some(PyBytes::new(py, &png_bytes_with(&image, extras))))
-    }
-
-    #[doc = doc!("Scene2d._repr_html_")]
-    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
-        notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
     }
 }

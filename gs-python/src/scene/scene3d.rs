@@ -20,7 +20,6 @@ use crate::{
     convert::{
         arrays::{self, Side, Values},
         errors::{self, IntoPython},
-        notebook,
     },
     run,
 };
@@ -210,11 +209,6 @@ impl Scene3d {
     #[doc = doc!("Scene3d._repr_png_")]
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         self.png(py)
-    }
-
-    #[doc = doc!("Scene3d._repr_html_")]
-    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
-        notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
     }
 }
 
