@@ -27,7 +27,7 @@ pub mod run;
 #[cfg(test)]
 mod sources;
 pub mod study;
-pub mod synthetic;
+mod synthetic;
 #[cfg(test)]
 mod tests;
 

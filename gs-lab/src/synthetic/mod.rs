@@ -1,13 +1,10 @@
-//! Targets that are computed: images by name, for studies and experiments, and a city that is
-//! captured like a real one, for captures of any size.
+//! Targets that are computed: images by name, for studies and experiments.
 
-mod city;
 mod thin_lines;
 
 use gs_core::Image;
 use gs_train::{DiscAndSquare, Fill};
 
-pub use self::city::{Capture, City};
 use self::thin_lines::thin_lines;
 
 /// A target that needs no file.

@@ -69,10 +69,10 @@ fn between(image: &Image, place: Vec2) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
     fn distortion_is_undone() {
+        use super::*;
+
         let lens = RadialLens::wide(UVec2::new(400, 300), 1.27);
         for p in [Vec2::ZERO, vec2(0.3, -0.2), vec2(0.74, 0.55)] {
             let d = p * (1.0 + lens.k * p.length_squared());
@@ -82,6 +82,8 @@ mod tests {
 
     #[test]
     fn without_distortion_the_photograph_is_the_middle_of_the_picture() {
+        use super::*;
+
         let lens = RadialLens { k: 0.0, ..RadialLens::wide(UVec2::new(8, 6), 1.0) };
         let camera = lens.pinhole();
         let seen = Image::from_fn(camera.width, camera.height, |x, y| [x as f32, y as f32, 1.0]).unwrap();

@@ -1,12 +1,12 @@
 //! A flight over a city, and its photographs.
 
-use std::{f32::consts::TAU, fs, path::Path};
+use std::{error::Error, f32::consts::TAU, fs, path::Path};
 
 use glam::{UVec2, Vec3, vec3};
-use gs_backend::FutureExt as _;
 use gs_core::{Camera, Image, Rasterizer, Scene3d};
 use gs_density::Rng;
 use image::codecs::jpeg::JpegEncoder;
+use pollster::FutureExt as _;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 
@@ -15,7 +15,6 @@ use super::{
     lens::RadialLens,
     model::{write_cameras, write_images, write_points},
 };
-use crate::error::Error;
 
 /// Height of the flight above the ground, m.
 const ALTITUDE_M: f32 = 75.0;
@@ -38,21 +37,15 @@ const JPEG_QUALITY: u8 = 92;
 /// and obliquely to the four sides. They have one slightly distorted lens, noise, and exposures
 /// and white balances of their own.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Capture {
+pub(crate) struct Capture {
     /// The city.
-    pub city: City,
-    /// Number of photographs, at least 1. Default 400.
-    pub views: u32,
-    /// Columns of a photograph, px; rows are ¾ of it. Default 4,000.
-    pub width: u32,
-    /// Number of points, about. Default 100,000.
-    pub points: usize,
-}
-
-impl Default for Capture {
-    fn default() -> Self {
-        Self { city: City::default(), views: 400, width: 4_000, points: 100_000 }
-    }
+    pub(crate) city: City,
+    /// Number of photographs, at least 1.
+    pub(crate) views: u32,
+    /// Columns of a photograph, px; rows are ¾ of it.
+    pub(crate) width: u32,
+    /// Number of points, about.
+    pub(crate) points: usize,
 }
 
 impl Capture {
@@ -62,15 +55,15 @@ impl Capture {
     ///
     /// # Errors
     /// Those of the backend and of writing files.
-    pub fn write<R: Rasterizer<Scene3d>>(
+    pub(crate) fn write<R: Rasterizer<Scene3d>>(
         &self,
         on: &R,
         folder: &Path,
         mut written: impl FnMut(u32),
-    ) -> Result<(), Error> {
+    ) -> Result<(), Box<dyn Error>> {
         let (images, model) = (folder.join("images"), folder.join("sparse/0"));
         for folder in [&images, &model] {
-            fs::create_dir_all(folder).map_err(|source| gs_io::Error::Write { path: folder.clone(), source })?;
+            fs::create_dir_all(folder)?;
         }
         let mut scene = self.city.scene();
         let lens = self.lens();
@@ -142,12 +135,11 @@ impl Capture {
 }
 
 /// Writes an image as JPEG.
-fn write_jpeg(path: &Path, image: &Image) -> Result<(), Error> {
+fn write_jpeg(path: &Path, image: &Image) -> Result<(), gs_io::Error> {
     let bytes: Vec<u8> = image.pixels().as_flattened().iter().map(|value| (value * 255.0).round() as u8).collect();
     gs_io::write_atomically(path, |file| {
         let mut encoder = JpegEncoder::new_with_quality(file, JPEG_QUALITY);
         let encoded = encoder.encode(&bytes, image.width(), image.height(), image::ExtendedColorType::Rgb8);
         encoded.map_err(std::io::Error::other)
-    })?;
-    Ok(())
+    })
 }

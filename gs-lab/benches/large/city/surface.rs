@@ -178,11 +178,11 @@ fn park(all: &mut Vec<Surface>, lot: Vec2, side: f32, rng: &mut Rng) {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use rand::SeedableRng;
-
     #[test]
     fn the_ground_faces_up_and_walls_face_away_from_their_building() {
+        use super::*;
+        use rand::SeedableRng;
+
         let city = City { blocks: 2, ..City::default() };
         let all = surfaces(&city, &mut Rng::seed_from_u64(3));
         assert!(all[0].normal().abs_diff_eq(-Vec3::Y, 1e-6), "{:?}", all[0].normal());
@@ -200,6 +200,8 @@ mod tests {
 
     #[test]
     fn noise_is_smooth_and_between_0_and_1() {
+        use super::*;
+
         for i in 0..500 {
             let place = vec2(i as f32 * 0.37 - 50.0, 20.0 - i as f32 * 0.11);
             let [a, b] = [noise(place), noise(place + 1e-3)];

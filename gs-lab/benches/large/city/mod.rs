@@ -5,8 +5,6 @@ mod capture;
 mod lens;
 mod model;
 mod surface;
-#[cfg(test)]
-mod tests;
 
 use glam::{Mat3, Quat, Vec2, Vec3, vec3};
 use gs_core::{
@@ -18,7 +16,7 @@ use gs_core::{
 use gs_density::Rng;
 use rand::{RngExt, SeedableRng};
 
-pub use self::capture::Capture;
+pub(crate) use self::capture::Capture;
 use self::surface::{Appearance, Surface, surfaces};
 
 /// Side of a block of houses, m.
@@ -39,13 +37,13 @@ const SKY: [f32; 3] = [0.62, 0.74, 0.88];
 
 /// Houses, streets and trees, made of Gaussians on their surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct City {
+pub(crate) struct City {
     /// Blocks along each side, at least 1; a block and its street are 60 m long. Default 6.
-    pub blocks: u32,
+    pub(crate) blocks: u32,
     /// Number of Gaussians, at least 1. Default 1,000,000.
-    pub gaussians: usize,
+    pub(crate) gaussians: usize,
     /// Seed of all random numbers.
-    pub seed: u64,
+    pub(crate) seed: u64,
 }
 
 impl Default for City {
@@ -56,13 +54,13 @@ impl Default for City {
 
 impl City {
     /// Length of a side, from the middle of a street to that of another, m.
-    pub fn side(&self) -> f32 {
+    pub(crate) fn side(&self) -> f32 {
         self.blocks as f32 * (BLOCK_M + STREET_M)
     }
 
     /// The Gaussians, of SH degree 1, in metres: x to the east, y down, z to the north, from the
     /// south-western corner. The ground is at y = 0.
-    pub fn scene(&self) -> Scene3d {
+    pub(crate) fn scene(&self) -> Scene3d {
         let mut rng = Rng::seed_from_u64(self.seed);
         let surfaces = surfaces(self, &mut rng);
         let area: f64 = surfaces.iter().map(|surface| f64::from(surface.area())).sum();
@@ -83,7 +81,7 @@ impl City {
     }
 
     /// How its scene is rendered.
-    pub fn render(&self) -> RenderSettings {
+    pub(crate) fn render(&self) -> RenderSettings {
         let settings = RenderSettings::blended(Blend::Over).with(|s| {
             s.effects.order = Order::Global;
             s.effects.antialias = Antialias::Mip;

@@ -1,14 +1,19 @@
+//! The capture of the bench on large captures, whose program runs no tests itself.
+
+#[path = "../benches/large/city/mod.rs"]
+mod city;
+
 use std::num::NonZeroU32;
 
-use gs_backend::FutureExt as _;
 use gs_core::{Image, Parameterization, Rasterizer as _, Scene as _, metrics::mean};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::{
     WorldFrame,
     dataset::{Dataset, DatasetSettings, Split, read_dataset},
 };
+use pollster::FutureExt as _;
 
-use super::{Capture, City};
+use self::city::{Capture, City};
 
 const SMALL: Capture =
     Capture { city: City { blocks: 1, gaussians: 4_000, seed: 5 }, views: 10, width: 96, points: 200 };

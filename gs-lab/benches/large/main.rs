@@ -6,6 +6,8 @@
 
 #![allow(clippy::print_stdout)]
 
+mod city;
+#[path = "../measure/mod.rs"]
 mod measure;
 
 use std::{
@@ -18,13 +20,14 @@ use std::{
 use clap::Parser;
 use gs_cpu::CpuRasterizer;
 use gs_io::dataset::{DatasetSettings, read_dataset};
-use gs_lab::synthetic::{Capture, City};
 use gs_train::{
     MetricsLog, TrainPreset, Trainer3d,
     train::{StartName, Views},
 };
 use measure::{Options, Outcome, print_columns, print_head, print_row, print_section};
 use pollster::FutureExt as _;
+
+use self::city::{Capture, City};
 
 /// Every n-th photograph is held out.
 const HELD_OUT: u32 = 8;
