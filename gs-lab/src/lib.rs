@@ -7,8 +7,7 @@
 //! - [`conduct`] does the runs that are missing, side by side, and stores each as one file. Any
 //!   number of processes may do so in one folder; each claims its runs.
 //! - [`Results`] makes tables with intervals and judges the claims of the study, [`report`] makes a
-//!   page. Programs read the numbers from the files of [`report::write`]: `results.json` has those
-//!   of the runs and their comparisons, and each table is a CSV file.
+//!   page. Programs read the numbers from the files of [`report::write`]: each table is a CSV file.
 //! - [`blocks`] trains a large scene in parts that are jobs, too.
 //! - [`price`] measures what approximations cost, and [`experiments`] names the studies of the paper
 //!   and makes their page.

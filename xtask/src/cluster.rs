@@ -74,7 +74,7 @@ const STUDY: Kind = Kind {
     status: "study status NAME.cluster",
     end: "study report NAME.cluster",
     alone: &["study NAME.toml -o NAME.alone --backend cpu --jobs 2"],
-    results: &["runs.csv", "quality.csv", "differences.csv", "results.json"],
+    results: &["runs.csv", "quality.csv", "differences.csv"],
 };
 
 /// Four blocks, each of which takes as long as a run of [`TRAININGS`].

@@ -35,7 +35,7 @@ fn arguments<'a>(study: &'a Path, output: &'a Path) -> Vec<&'a str> {
 
 /// What must be the same however a study was run.
 pub(crate) fn tables(output: &Path) -> BTreeMap<&'static str, String> {
-    let names = ["runs.csv", "quality.csv", "differences.csv", "results.json", "study.toml"];
+    let names = ["runs.csv", "quality.csv", "differences.csv", "study.toml"];
     names.map(|name| (name, fs::read_to_string(output.join(name)).unwrap())).into()
 }
 

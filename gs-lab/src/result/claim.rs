@@ -3,7 +3,6 @@
 use std::fmt;
 
 use gs_core::counted;
-use serde::Serialize;
 
 use super::export::csv_row;
 
@@ -11,7 +10,7 @@ use super::export::csv_row;
 const DIGITS: usize = 4;
 
 /// A claim, with what was measured.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Claim {
     /// Short name, in kebab-case, unique within a study or an experiment.
     pub(crate) name: String,
@@ -35,7 +34,7 @@ impl Claim {
 }
 
 /// A condition of a claim, counted over all cases: seeds, angles, targets.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Circumstance {
     /// The condition, such as "600 Gaussians are reached".
     pub(crate) what: String,
@@ -98,7 +97,7 @@ impl ClaimVerdict {
 }
 
 /// A measured number.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Number {
     /// What was measured.
     pub(crate) what: String,

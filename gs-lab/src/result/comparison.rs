@@ -1,7 +1,5 @@
 //! Comparison of two arms: paired differences, their interval, and the verdict.
 
-use serde::Serialize;
-
 use super::{
     contrast::{Cell, Contrast, Judged},
     tables::{Metric, Results},
@@ -12,7 +10,7 @@ use crate::study::Matching;
 pub(crate) type Difference = Judged<Pair>;
 
 /// Two arms at a budget.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Pair {
     /// The largest number of Gaussians allowed.
     pub(crate) budget: u32,

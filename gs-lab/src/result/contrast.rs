@@ -4,8 +4,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde::Serialize;
-
 use super::{
     reach::Reach,
     remark::{FEWEST_SEEDS, Pairing, ResultRemark},
@@ -34,15 +32,13 @@ pub(crate) struct Cell {
 pub(crate) struct Contrast(pub(crate) Vec<(Cell, f64)>);
 
 /// A contrast with its interval and verdict: a difference between arms, or an effect of factors.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Judged<Of> {
     /// What is held equal between the arms.
     pub(crate) matching: Matching,
     /// What is measured.
     pub(crate) metric: Metric,
     /// What the contrast is of.
-    #[serde(flatten)]
     pub(crate) of: Of,
     /// What the interval is over.
     pub(crate) pairing: Pairing,

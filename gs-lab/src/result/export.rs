@@ -1,8 +1,6 @@
-//! The tables of a study as CSV and JSON files. Times are in files of their own, so that all other
+//! The tables of a study as CSV files. Times are in files of their own, so that all other
 //! files are the same byte for byte however a study was run: side by side, interrupted, or on more
 //! threads.
-
-use serde::Serialize;
 
 use super::{
     claim::claims_csv,
@@ -10,95 +8,70 @@ use super::{
     contrast::Judged,
     factorial::{Effect, EffectOf},
     remark::ResultRemark,
-    row::Row,
     tables::{Results, RunQuality, Spread},
 };
 use crate::{
     error::Error,
-    run::{CLAIMS, Finished, RESULTS, StudyFolder, VIEWS},
-    study::{Machine, Matching, Plan, Run, VERSION},
+    run::{CLAIMS, Finished, RunOutcome, StudyFolder, VIEWS},
+    study::{Matching, Run},
 };
 
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Everything<'a> {
-    study: &'a str,
-    version: &'static str,
-    #[serde(flatten)]
-    machine: &'a Machine,
-    runs: &'a [Row],
-    quality: &'a [RunQuality],
-    differences: &'a [Difference],
-    #[serde(skip_serializing_if = "<[Effect]>::is_empty")]
-    effects: &'a [Effect],
-}
-
-/// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
-/// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
-/// of scenes also has `views.csv`, one with claims `claims.csv`, one with factors `effects.csv` (also in `results.json`) and
+/// Writes the tables: `runs.csv`, `quality.csv` and `differences.csv`. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
+/// of scenes also has `views.csv`, one with claims `claims.csv`, one with factors `effects.csv` and
 /// `effects-at-time.csv`.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub(crate) fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Error> {
     let Results { plan, .. } = results;
-    let runs: Vec<Row> = results.rows().map(|(run, record)| Row::new(plan, run, record)).collect();
-    let quality = results.qualities();
-    let differences = results.differences(&[Matching::Count, Matching::Iterations]);
-    let effects = results.effects(&[Matching::Count, Matching::Iterations]);
+    let regular = [Matching::Count, Matching::Iterations];
     let output = folder.lock_results()?;
-    output.write("runs.csv", runs_csv(&runs, plan))?;
+    output.write("runs.csv", runs_csv(results))?;
     if plan.study.is_of_scenes() {
         output.write(VIEWS, views_csv(results))?;
     }
     if !plan.study.factors.is_empty() {
-        output.write("effects.csv", effects_csv(&effects))?;
+        output.write("effects.csv", effects_csv(&results.effects(&regular)))?;
         output.write("effects-at-time.csv", effects_csv(&results.effects(&[Matching::Time])))?;
     }
     if !plan.study.claims.is_empty() {
         output.write(CLAIMS, claims_csv([(plan.study.name.as_str(), results.claims().as_slice())]))?;
     }
-    output.write("quality.csv", quality_csv(&quality))?;
-    output.write("differences.csv", differences_csv(&differences))?;
+    output.write("quality.csv", quality_csv(&results.qualities()))?;
+    output.write("differences.csv", differences_csv(&results.differences(&regular)))?;
     output.write("differences-at-time.csv", differences_csv(&results.differences(&[Matching::Time])))?;
-    output.write("times.csv", times_csv(results))?;
-    let everything = Everything {
-        study: &plan.study.name,
-        version: VERSION,
-        machine: &plan.machine,
-        runs: &runs,
-        quality: &quality,
-        differences: &differences,
-        effects: &effects,
-    };
-    let json = serde_json::to_string(&everything)
-        .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
-    Ok(output.write(RESULTS, json + "\n")?)
+    Ok(output.write("times.csv", times_csv(results))?)
 }
 
-fn runs_csv(rows: &[Row], plan: &Plan) -> String {
+fn runs_csv(results: &Results<'_>) -> String {
+    let plan = results.plan;
     let target = if plan.study.is_of_scenes() { "data_set" } else { "image" };
     let header = format!(
         "row,arm,{target},budget,seed,address,status,gaussians,bytes,iterations,psnr,ssim,ms_ssim,l1,scene,error"
     );
-    let lines = rows.iter().map(|r| {
+    let lines = results.rows().map(|(run, record)| {
+        let (status, end, error) = match record.map(|record| &record.outcome) {
+            Some(RunOutcome::Finished(end)) => ("finished", Some(end), ""),
+            Some(RunOutcome::Failed { error }) => ("failed", None, error.as_str()),
+            None => ("missing", None, ""),
+        };
         let cells = [
-            r.row.to_string(),
-            r.arm.clone(),
-            r.image.iter().chain(&r.data_set).cloned().collect(),
-            r.budget.to_string(),
-            r.seed.to_string(),
-            r.address.clone(),
-            r.status.clone(),
-            whole(r.gaussians),
-            whole(r.bytes),
-            whole(r.iterations),
-            number(r.psnr, 6),
-            number(r.ssim, 8),
-            number(r.ms_ssim, 8),
-            number(r.l1, 8),
-            r.scene.clone().unwrap_or_default(),
-            r.error.clone().unwrap_or_default(),
+            run.row.to_string(),
+            plan.arm(run).name.clone(),
+            plan.target(run).name.clone(),
+            run.budget.to_string(),
+            run.seed.to_string(),
+            run.address.clone(),
+            status.to_owned(),
+            whole(end.map(|end| end.gaussians)),
+            whole(end.map(|end| end.bytes)),
+            whole(end.map(|end| end.iterations)),
+            number(end.map(|end| end.psnr), 6),
+            number(end.map(|end| end.ssim), 8),
+            number(end.and_then(|end| end.ms_ssim), 8),
+            number(end.map(|end| end.l1), 8),
+            end.map(|end| end.scene.clone()).unwrap_or_default(),
+            error.to_owned(),
         ];
         csv_row(cells)
     });

@@ -1,8 +1,6 @@
 //! Effects of a factorial design: how much a factor changes the quality on average over the other
 //! factors, and how much that depends on another factor.
 
-use serde::Serialize;
-
 use super::{
     contrast::{Cell, Contrast, Judged},
     tables::Results,
@@ -13,8 +11,7 @@ use crate::study::Matching;
 const BUDGET: &str = "budget";
 
 /// What an [`Effect`] is of.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum EffectOf {
     /// A level of a factor less its first level: mean over all combinations of the other factors.
     Main {

@@ -11,7 +11,6 @@ mod export;
 mod factorial;
 mod reach;
 pub(crate) mod remark;
-mod row;
 mod statistics;
 mod tables;
 mod verdict;

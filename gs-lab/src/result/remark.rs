@@ -5,15 +5,13 @@ use std::fmt;
 
 use super::statistics::FEWEST;
 use gs_core::counted;
-use serde::{Serialize, Serializer};
 
 /// The number of seeds below which a difference may be due to the choice of seeds, which an
 /// interval over images does not show.
 pub(crate) const FEWEST_SEEDS: usize = 5;
 
 /// What is paired in a comparison.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pairing {
     /// Images, each with its mean over seeds. The interval generalises to other images of the same
     /// kind.
@@ -166,11 +164,5 @@ impl fmt::Display for ResultRemark {
             }
             Self::FewSeeds { seeds } => write!(f, "only {}; use {FEWEST_SEEDS} or more", counted(*seeds, "seed")),
         }
-    }
-}
-
-impl Serialize for ResultRemark {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
     }
 }

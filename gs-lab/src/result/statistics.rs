@@ -5,7 +5,6 @@ pub(crate) use gs_core::metrics::mean;
 use gs_density::Rng;
 use probability::distribution::{Beta, Distribution, Gaussian, Inverse};
 use rand::{RngExt, SeedableRng};
-use serde::{Deserialize, Serialize};
 
 /// Number of bootstrap resamples.
 pub(crate) const RESAMPLES: usize = 10_000;
@@ -22,7 +21,7 @@ pub(crate) const CONFIDENCE: f64 = 0.95;
 const SEED: u64 = 0x6773_2d73_7475_6479;
 
 /// A confidence interval of a mean.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Interval {
     /// Lower end.
     pub(crate) low: f64,

@@ -2,7 +2,6 @@
 
 use super::statistics::{mean, variance};
 use rayon::prelude::*;
-use serde::Serialize;
 
 use crate::{
     error::Error,
@@ -51,7 +50,7 @@ impl Metric {
 }
 
 /// The mean over images or scenes of means over seeds, and the standard deviation over seeds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Spread {
     /// The mean.
     pub(crate) mean: f64,
@@ -60,8 +59,7 @@ pub(crate) struct Spread {
 }
 
 /// The quality of an arm at a budget.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub(crate) struct RunQuality {
     /// The arm's name.

@@ -1,12 +1,9 @@
 //! The verdict on a difference.
 
-use serde::{Deserialize, Serialize};
-
 use super::statistics::Interval;
 
 /// The verdict on a difference between two arms.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Verdict {
     /// The whole interval lies above 0.
     Better,

@@ -18,7 +18,7 @@ pub(crate) use self::record::tests;
 pub(crate) use self::{
     conduct::message as panic_message,
     record::{Record, ViewResult},
-    result_names::{CLAIMS, PAGE, PLOTS, RESULTS, VIEWS},
+    result_names::{CLAIMS, PAGE, PLOTS, VIEWS},
     resumption::{Interruptions, JobCheckpoints, remove_checkpoint},
     task::PICTURED_VIEWS,
 };

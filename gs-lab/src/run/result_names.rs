@@ -1,14 +1,12 @@
 //! Names of the files with the results of a study, which its folder protects.
 
-/// The table with everything, which programs read.
-pub(crate) const RESULTS: &str = "results.json";
 /// The table of held-out views.
 pub(crate) const VIEWS: &str = "views.csv";
 /// The verdicts on the study's claims.
 pub(crate) const CLAIMS: &str = "claims.csv";
 
 /// File names of the tables.
-pub(crate) const TABLES: [&str; 10] = [
+pub(crate) const TABLES: [&str; 9] = [
     "runs.csv",
     "quality.csv",
     "differences.csv",
@@ -18,7 +16,6 @@ pub(crate) const TABLES: [&str; 10] = [
     "effects.csv",
     "effects-at-time.csv",
     "times.csv",
-    RESULTS,
 ];
 
 /// The page of the report.

@@ -54,7 +54,7 @@ pub(crate) fn laid_out(text: &str, place: &Path) -> Result<Plan, Error> {
 }
 
 fn outputs(folder: &StudyFolder) -> Vec<String> {
-    let names = ["runs.csv", "quality.csv", "differences.csv", "views.csv", "results.json"];
+    let names = ["runs.csv", "quality.csv", "differences.csv", "views.csv"];
     names.iter().map(|name| fs::read_to_string(folder.file(name)).unwrap()).collect()
 }
 

@@ -73,7 +73,6 @@ worse, can't tell (0 is in the interval) or no verdict (there is no interval, an
   views.csv               of scenes: the quality of each run on each held-out view
   effects.csv             of factors: main effects and interactions of two, with intervals
   claims.csv              of claims: verdicts, with how often each condition holds, and numbers
-  results.json            these tables
   times.csv, *-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG
   study.toml, machine.json   the study, and the machine that ran it

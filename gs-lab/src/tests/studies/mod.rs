@@ -72,7 +72,7 @@ fn conducted(plan: &Plan, output: &Path, jobs: usize, threads: usize) -> StudyFo
 
 /// The tables that do not depend on measured time.
 fn tables(folder: &StudyFolder) -> BTreeMap<&'static str, String> {
-    let names = ["runs.csv", "quality.csv", "differences.csv", "results.json"];
+    let names = ["runs.csv", "quality.csv", "differences.csv"];
     names.map(|name| (name, fs::read_to_string(folder.file(name)).unwrap())).into()
 }
 
