@@ -18,17 +18,16 @@ fn every_command_refuses_to_replace_what_no_run_wrote() {
     let (dataset, scene) = dataset_and_scene(place.path());
     let image = picture(place.path(), 24, 24);
     let (dataset, scene, image) = (text(&dataset), text(&scene), text(&image));
-    let cases: [(&[&str], &str); 12] = [
+    let cases: [(&[&str], &str); 11] = [
         (&["fit", image], "curve.svg"),
         (&["fit", image, "--no-report"], "ellipses.png"),
         (&["fit"], "summary.json"),
         (&["train", dataset], "scene.ply"),
         (&["train", dataset, "--no-report"], "curve.svg"),
         (&["render", scene, "--orbit", "2"], "frame-00001.png"),
-        (&["profile", scene], "profile.csv"),
         (&["paper"], "index.html"),
         (&["popping", scene], "popping.png"),
-        (&["frontier", scene], "frontier.csv"),
+        (&["frontier", scene], "frontier.json"),
         (&["study", "edges"], "report.html"),
         (&["study", "edges"], "plots/mine.svg"),
     ];

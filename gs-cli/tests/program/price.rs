@@ -55,17 +55,10 @@ fn read_json(path: &Path) -> Value {
 
 fn a_fit_is_profiled_on(backend: &str, clocks: &[&str]) {
     let place = folder();
-    let (scene, output) = (place.path().join("fit"), place.path().join("made/on/demand"));
+    let scene = place.path().join("fit");
     gs(["fit", "-n", "100", "-i", "20", "--no-report", "--backend", "cpu", "-o", text(&scene)]).done();
-    let flags = ["-r", "3", "--backend", backend, "--json", "-o", text(&output)];
-    let run = gs(["profile", text(&scene)].iter().chain(&flags));
-    assert!(run.stderr.contains("wrote profile.csv and profile.json"), "{run:?}");
-    let json = run.json();
-    assert_eq!(names_in(&output), ["profile.csv", "profile.json"]);
-    assert_eq!(read_json(&output.join("profile.json")), json);
-    let stages = json["stages"].as_array().unwrap();
-    let csv = fs::read_to_string(output.join("profile.csv")).unwrap();
-    assert_eq!(csv.lines().count(), 1 + stages.len() + 4, "{csv}");
+    let json = gs(["profile", text(&scene), "-r", "3", "--backend", backend, "--json"]).json();
+    assert!(json["stages"].as_array().unwrap().len() > 3, "{json}");
     assert_eq!((&json["backend"], &json["input"]), (&json!(backend), &json!(scene)));
     assert_eq!((&json["width"], &json["height"]), (&json!(128), &json!(128)));
     assert_eq!((&json["blend"], &json["repetitions"]), (&json!("over"), &json!(3)));
@@ -195,10 +188,9 @@ fn a_frontier_is_printed_and_written_and_render_takes_its_settings() {
     for expected in ["40 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"] {
         assert!(run.stdout.contains(expected), "{expected}: {}", run.stdout);
     }
-    assert_eq!(names_in(&output), ["frontier.csv", "frontier.json", "frontier.svg"]);
+    assert_eq!(names_in(&output), ["frontier.json", "frontier.svg"]);
     let json = read_json(&output.join("frontier.json"));
     let rows = json["rows"].as_array().unwrap();
-    assert_eq!(fs::read_to_string(output.join("frontier.csv")).unwrap().lines().count(), rows.len() + 1);
     let levels = rows.iter().filter(|row| row["role"] == "alone" && row["change"]["axis"] == "SIMD").count();
     assert_eq!(levels + 1, gs_cpu::SimdLevel::available().len());
 
@@ -242,8 +234,7 @@ fn popping_is_measured_in_both_orders() {
     let lines: Vec<&str> = run.stdout.lines().collect();
     assert!(lines[0].contains("discs, 2 Gaussians") && lines.len() == 8, "{}", run.stdout);
     assert!(lines[2].contains("0.250") && lines[2].contains("global") && lines[3].contains("per-pixel"));
-    let names = ["flicker-chart.csv", "flicker-chart.svg", "popping.csv", "popping.png"];
-    assert_eq!(names_in(&output), names);
+    assert_eq!(names_in(&output), ["flicker-chart.svg", "popping.csv", "popping.png"]);
     let csv = fs::read_to_string(output.join("popping.csv")).unwrap();
     assert!(csv.starts_with("\"step, °\",order,") && csv.lines().count() == 7, "{csv}");
     // Three columns and two rows of the whole picture, which is smaller than the part that would be
@@ -278,7 +269,8 @@ fn what_cannot_be_measured_is_refused_before_anything_is_written() {
         ("popping", &image, &[], 1, &["picture-16x12.png"]),
     ];
     for (command, input, flags, status, expected) in cases {
-        let run = gs([command, text(input), "-o", text(&output)].iter().chain(flags));
+        let folder: &[&str] = if command == "profile" { &[] } else { &["-o", text(&output)] };
+        let run = gs([command, text(input)].iter().chain(folder).chain(flags));
         assert_eq!(run.status, Some(status), "{command} {flags:?}: {run:?}");
         for part in expected {
             assert!(run.refusal().contains(part), "{part}: {run:?}");

@@ -31,8 +31,7 @@ error is that of the worst channel of any pixel, not clamped, against the 64-bit
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
 change.
 
-DIR then holds frontier.csv, the table; frontier.json, the same with all times; and frontier.svg, \
-error against time. gs render takes the settings by --accuracy and the flags of effects.";
+DIR then holds frontier.json, the table with all times, and frontier.svg, error against time. gs render takes the settings by --accuracy and the flags of effects.";
 
 /// The flags of `gs frontier`.
 #[derive(Debug, Clone, Args)]
@@ -62,7 +61,7 @@ pub(crate) struct FrontierArgs {
 }
 
 /// The files that are written.
-const FILES: [&str; 3] = ["frontier.csv", "frontier.json", "frontier.svg"];
+const FILES: [&str; 2] = ["frontier.json", "frontier.svg"];
 
 /// What `frontier.json` holds and `--json` prints.
 #[derive(Debug, Serialize)]
@@ -133,7 +132,6 @@ where
     let found = &report.found;
     output::answer(args.json, &report, || format!("{what}\n\n{found}"))?;
     if let Some(folder) = folder {
-        folder.write("frontier.csv", found.csv())?;
         folder.write_json("frontier.json", &report)?;
         folder.write("frontier.svg", found.svg(&what))?;
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));

@@ -26,8 +26,7 @@ Popping is measured by the second difference of three frames, averaged over SSIM
 the step, a quarter of the motion remains, but all of a jump. So each number is given for three \
 steps: what stays the same is popping, what falls is motion.
 
-DIR then holds popping.csv, the table; flicker-chart.csv and .svg, frame by frame; and \
-popping.png, two consecutive frames with the worst popping in both orders, and their \
+DIR then holds popping.csv, the table; flicker-chart.svg, frame by frame; and popping.png, two consecutive frames with the worst popping in both orders, and their \
 differences.";
 
 /// The flags of `gs popping`.
@@ -55,7 +54,7 @@ pub(crate) struct PoppingArgs {
 }
 
 /// The files that are written.
-const FILES: [&str; 4] = ["popping.csv", "flicker-chart.csv", "flicker-chart.svg", "popping.png"];
+const FILES: [&str; 3] = ["popping.csv", "flicker-chart.svg", "popping.png"];
 
 /// Measures, prints the table and writes the files.
 pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {

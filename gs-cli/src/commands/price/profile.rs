@@ -4,17 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_core::{Choice as _, Effects, Loss, Parameterization};
-use gs_io::Inputs;
 use gs_lab::price::{StagePrices, stage_prices};
 use serde::Serialize;
 
 use super::{Cameras, Facts, Seen, Subject, SubjectArgs};
 use crate::{
     failure::Failure,
-    files::{
-        output_folder::{self, OutputFolder, OverwriteArgs},
-        scene,
-    },
     flags::values::{ViewName, by_name, whole},
     memory,
     terminal::output,
@@ -33,8 +28,7 @@ and the forward pass alone, as a caller sees them.
 On a GPU, stages are timed by the device if the adapter has timestamps, otherwise by the host, \
 which then waits after each stage. The head of the table says which.
 
-DIR then holds profile.csv, the table, and profile.json, which --json prints: the same with all \
-samples and settings.";
+--json prints all samples and settings, too.";
 
 /// The flags of `gs profile`.
 #[derive(Debug, Clone, Args)]
@@ -42,12 +36,6 @@ samples and settings.";
 pub(crate) struct ProfileArgs {
     /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     input: PathBuf,
-    /// Folder for profile.csv and profile.json; made if necessary [default: the table is only
-    /// printed]
-    #[arg(short, long, value_name = "DIR")]
-    output: Option<PathBuf>,
-    #[command(flatten)]
-    overwrite: OverwriteArgs,
     /// Print JSON on standard output, and nothing else there
     #[arg(long)]
     json: bool,
@@ -67,7 +55,7 @@ pub(crate) struct ProfileArgs {
     subject: SubjectArgs,
 }
 
-/// What `profile.json` holds and `--json` prints.
+/// What `gs profile --json` prints.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     #[serde(flatten)]
@@ -81,12 +69,8 @@ struct Report<'a> {
     prices: StagePrices,
 }
 
-/// Profiles a scene, prints the table, and writes it to files if a folder for them is
-/// named.
+/// Profiles a scene, and prints the table.
 pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
-    let inputs = Inputs::from_iter([scene::file_of(&args.input)]);
-    let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
-    claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let cameras = args.camera.as_ref().map_or(Cameras::Around(1), Cameras::View);
     let mut subject = Subject::load(&args.input, &args.subject, cameras)?;
     subject.check_work("profiling", memory::profiling)?;
@@ -100,7 +84,6 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         parameterization.check_3d()?;
     }
     let backend = subject.open(&args.subject)?;
-    let folder = claim.map(OutputFolder::begin).transpose()?;
     let (seen, facts, render) = (&subject.seen, &subject.facts, subject.render);
     let (rasterizer, repetitions, how) = (&backend.rasterizer, args.repetitions, (loss, parameterization));
     let prices = match seen {
@@ -108,11 +91,6 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         Seen::ThreeD(scene, views, _) => stage_prices(rasterizer, scene, &views[0], &render, how, repetitions as usize),
     }?;
     let report = Report { facts, effects: render.effects, loss, parameterization, repetitions, prices };
-    if let Some(folder) = folder {
-        folder.write("profile.csv", report.prices.csv())?;
-        folder.write_json("profile.json", &report)?;
-        output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
-    }
     let (loss, parameterization) = (loss.name(), parameterization.name());
     output::answer(args.json, &report, || {
         let text = format!("{}\n{}, {loss}, {parameterization}\n{}", facts.text(), render.effects, report.prices);

@@ -126,11 +126,6 @@ pub struct Frontier {
 type Kind = (&'static str, Dots, fn(&Measured) -> bool);
 
 impl Frontier {
-    /// The table as CSV.
-    pub fn csv(&self) -> String {
-        self.table().csv()
-    }
-
     /// The figure of error against time, as SVG.
     pub fn svg(&self, title: &str) -> String {
         self.figure(title).svg_file()

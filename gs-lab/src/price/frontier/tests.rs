@@ -166,8 +166,7 @@ fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
 #[test]
 fn all_forms_of_the_result_have_all_rows() {
     let frontier = found(Blend::Sum);
-    let (csv, text) = (frontier.csv(), frontier.to_string());
-    assert_eq!(csv.lines().count(), 1 + frontier.rows.len());
+    let text = frontier.to_string();
     for row in &frontier.rows {
         assert!(text.contains(&row.name()), "{}", row.name());
     }

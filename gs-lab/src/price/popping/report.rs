@@ -10,12 +10,9 @@ use super::{
     comparison::{AtStep, ORDERS, Popping, PoppingComparison, SlowOrbit, compare},
     pictures::picture,
 };
-use crate::{
-    report::{
-        Cell, Table,
-        figure::{Axis, Figure, Marks, Series},
-    },
-    result::csv_row,
+use crate::report::{
+    Cell, Table,
+    figure::{Axis, Figure, Marks, Series},
 };
 
 /// How much jumps in a scene while the camera moves.
@@ -50,18 +47,10 @@ pub fn popping_prices<R: Optimizer<Scene3d>>(
 }
 
 impl PoppingPrices {
-    /// Names and contents of files: the table and the chart as CSV, the chart also as SVG, and the picture as
-    /// PNG.
+    /// Names and contents of files: the table as CSV, the chart as SVG, and the picture as PNG.
     pub fn files(&self) -> Vec<(String, Vec<u8>)> {
-        let mut points = csv_row(["series", &self.chart.x.label, &self.chart.y.label]);
-        for series in self.chart.lines() {
-            for point in &series.points {
-                points += &csv_row([series.name.as_str(), &point.x.to_string(), &point.y.to_string()]);
-            }
-        }
         let files = [
             ("popping.csv", self.table.csv().into_bytes()),
-            ("flicker-chart.csv", points.into_bytes()),
             ("flicker-chart.svg", self.chart.svg_file().into_bytes()),
             ("popping.png", png_bytes(&self.picture)),
         ];

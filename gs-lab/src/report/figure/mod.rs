@@ -167,14 +167,6 @@ pub(crate) fn hex([r, g, b]: Rgb) -> String {
 }
 
 impl Figure {
-    /// The lines; empty for a figure of intervals.
-    pub(crate) fn lines(&self) -> &[Series] {
-        match &self.marks {
-            Marks::Lines(series) => series,
-            Marks::Intervals(_) => &[],
-        }
-    }
-
     /// SVG for use in a page, without title and background.
     pub(crate) fn inline_svg(&self) -> String {
         draw::svg(self, true)
