@@ -16,6 +16,7 @@ use crate::{
     convert::{
         arrays,
         errors::{self, IntoPython},
+        settings,
     },
     scene::scene2d::Scene2d,
 };
@@ -72,23 +73,18 @@ pub(crate) fn encode(
         (None, None, None, Some(_)) => return Err(errors::value("bpp", "must be a finite number above 0")),
         _ => return Err(errors::value("quality, psnr, bytes, bpp", "expected at most one of them")),
     };
-    let tune = match tune {
-        "psnr" => Tune::Psnr,
-        "ssim" => Tune::Ssim,
-        _ => return Err(errors::value("tune", "expected \"psnr\" or \"ssim\"")),
-    };
+    let tune: Tune = settings::named("tune", tune)?;
     let layers = match (progressive, preview) {
         (false, false) => EncodeLayers::One,
         (true, false) => EncodeLayers::Progressive,
         (false, true) => EncodeLayers::Preview,
         (true, true) => return Err(errors::value("progressive, preview", "expected at most one of them")),
     };
-    let settings = EncodeSettings::default().with(|settings| {
-        (settings.target, settings.tune, settings.layers, settings.seed) = (target, tune, layers, seed);
-    });
-    settings.validate().map_err(IntoPython::into_python)?;
+    let wanted =
+        EncodeSettings::default().with(|s| (s.target, s.tune, s.layers, s.seed) = (target, tune, layers, seed));
+    wanted.validate().map_err(IntoPython::into_python)?;
     let chosen = backend::chosen(py, backend)?;
-    let encoded = chosen.compute_within(py, |on| block_on(gs_train::encode(on, &image, &settings, &|_| ())))?;
+    let encoded = chosen.compute_within(py, |on| block_on(gs_train::encode(on, &image, &wanted, &|_| ())))?;
     let data = PyBytes::new(py, &encoded.bytes).unbind();
     Ok(Encoded { data, gaussians: encoded.gaussians, psnr: encoded.psnr, seconds: encoded.seconds })
 }

@@ -59,6 +59,11 @@ pub(crate) fn floats(
     Ok((numbers, found))
 }
 
+/// [`floats`] that are finite, of a known shape.
+pub(crate) fn finite(argument: &str, value: &Bound<'_, PyAny>, shape: &[Side]) -> PyResult<Vec<f32>> {
+    floats(argument, value, shape, Values::Finite).map(|(numbers, _)| numbers)
+}
+
 /// Copies indices of Gaussians: integers of any type from 0 to `len` - 1.
 pub(crate) fn indices(argument: &str, value: &Bound<'_, PyAny>, len: usize) -> PyResult<Vec<u32>> {
     let array = value.cast::<PyUntypedArray>().map_err(|_| wrong_type(argument, value, "int64", &[Side::Any("M")]))?;
@@ -169,8 +174,7 @@ fn pixels(argument: &str, value: &Bound<'_, PyAny>, channels: usize) -> PyResult
 /// A gradient by the values of an image: float32 of the image's shape.
 pub(crate) fn v_image(argument: &str, value: &Bound<'_, PyAny>, [rows, columns]: [usize; 2]) -> PyResult<Image> {
     let shape = [Side::Exactly(rows), Side::Exactly(columns), Side::Exactly(3)];
-    let (values, _) = floats(argument, value, &shape, Values::Finite)?;
-    of_values(argument, &values, [rows, columns])
+    of_values(argument, &finite(argument, value, &shape)?, [rows, columns])
 }
 
 fn of_values(argument: &str, values: &[f32], [rows, columns]: [usize; 2]) -> PyResult<Image> {

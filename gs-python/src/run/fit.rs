@@ -16,7 +16,7 @@ use super::{
     worker::{Shared, Worker},
 };
 use crate::{
-    backend::{self, Opened},
+    backend,
     convert::{
         arrays,
         errors::IntoPython,
@@ -38,7 +38,6 @@ struct FitDone {
 #[pyclass(frozen, module = "gaussian_splats")]
 pub(crate) struct FitRun {
     worker: Worker<FitDone>,
-    backend: Arc<Opened>,
     steps: u32,
 }
 
@@ -59,7 +58,7 @@ impl FitRun {
         checkpoint: Option<PathBuf>,
     ) -> PyResult<Self> {
         let target = arrays::image_or_file(py, "image", image)?;
-        let backend = backend::chosen(py, backend)?;
+        let chosen = backend::chosen(py, backend)?;
         let policy = policy.map(PolicyArgument::of).transpose()?;
         let given = Given::of("settings", preset, settings)?;
         let fit = wanted(&target, gaussians, iterations, policy.as_ref(), given)?;
@@ -67,9 +66,8 @@ impl FitRun {
         let steps = fit.iterations.saturating_sub(start.step());
         let shared = Arc::new(Shared::default());
         let own = own_policy(policy, fit.policy.actions(), &shared)?.map(|own| own as CustomPolicy);
-        let on = backend.clone();
         let worker = Worker::spawn(shared, move |reporter| {
-            on.within(|rasterizer| {
+            chosen.within(|rasterizer| {
                 let mut trainer = match start.checkpoint {
                     Some(checkpoint) => {
                         let trainer = Trainer::resume(rasterizer, &target, checkpoint)?;
@@ -87,7 +85,7 @@ impl FitRun {
                 Ok(FitDone { scene: block_on(trainer.scene())?, render: trainer.shown(), image, summary })
             })
         })?;
-        Ok(Self { worker, backend, steps })
+        Ok(Self { worker, steps })
     }
 
     fn __iter__(this: Py<Self>) -> Py<Self> {
@@ -127,7 +125,7 @@ impl FitRun {
     }
 
     fn __repr__(&self) -> String {
-        format!("<FitRun of {} steps on {}>", self.steps, self.backend.rasterizer().name())
+        format!("<FitRun of {} steps>", self.steps)
     }
 }
 

@@ -69,18 +69,16 @@ impl Scene2d {
     ) -> PyResult<Self> {
         let (means, shape) = arrays::floats("means", means, &[Side::Any("N"), Side::Exactly(2)], Values::Finite)?;
         let n = Side::Exactly(shape[0]);
-        let of =
-            |argument, value, sides: &[Side]| Ok::<_, PyErr>(arrays::floats(argument, value, sides, Values::Finite)?.0);
         let opacity_logits = match opacity_logits {
             Some(logits) => arrays::floats("opacity_logits", logits, &[n], Values::Infinite)?.0,
             None => Vec::new(),
         };
         let scene = gs_core::Scene2d {
             means: cast_slice(&means).to_vec(),
-            log_scales: cast_slice(&of("log_scales", log_scales, &[n, Side::Exactly(2)])?).to_vec(),
-            rotations: of("rotations", rotations, &[n])?,
+            log_scales: cast_slice(&arrays::finite("log_scales", log_scales, &[n, Side::Exactly(2)])?).to_vec(),
+            rotations: arrays::finite("rotations", rotations, &[n])?,
             opacity_logits,
-            colors: cast_slice(&of("colors", colors, &[n, Side::Exactly(3)])?).to_vec(),
+            colors: cast_slice(&arrays::finite("colors", colors, &[n, Side::Exactly(3)])?).to_vec(),
         };
         scene.validate().map_err(IntoPython::into_python)?;
         Ok(Self::of(scene))

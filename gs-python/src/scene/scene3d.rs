@@ -84,8 +84,6 @@ impl Scene3d {
     ) -> PyResult<Self> {
         let (means, shape) = arrays::floats("means", means, &[Side::Any("N"), Side::Exactly(3)], Values::Finite)?;
         let n = Side::Exactly(shape[0]);
-        let of =
-            |argument, value, sides: &[Side]| Ok::<_, PyErr>(arrays::floats(argument, value, sides, Values::Finite)?.0);
         let (sh, sh_shape) = arrays::floats("sh", sh, &[n, Side::Any("K"), Side::Exactly(3)], Values::Finite)?;
         let Some(sh_degree) = (0..=3).find(|&degree| sh::coefficients(degree) == sh_shape[1]) else {
             let problem = format!("expected 1, 4, 9 or 16 coefficients, not {}", sh_shape[1]);
@@ -93,8 +91,8 @@ impl Scene3d {
         };
         let scene = gs_core::Scene3d {
             means: cast_slice(&means).to_vec(),
-            log_scales: cast_slice(&of("log_scales", log_scales, &[n, Side::Exactly(3)])?).to_vec(),
-            rotations: cast_slice(&of("rotations", rotations, &[n, Side::Exactly(4)])?).to_vec(),
+            log_scales: cast_slice(&arrays::finite("log_scales", log_scales, &[n, Side::Exactly(3)])?).to_vec(),
+            rotations: cast_slice(&arrays::finite("rotations", rotations, &[n, Side::Exactly(4)])?).to_vec(),
             opacity_logits: arrays::floats("opacity_logits", opacity_logits, &[n], Values::Infinite)?.0,
             sh_degree,
             sh: cast_slice(&sh).to_vec(),
