@@ -11,9 +11,6 @@ use gs_core::{Scene, view::Bulk};
 /// Columns and rows of the picture, px.
 const SIZE: (u32, u32) = (800, 600);
 
-/// Horizontal field of view, rad.
-const FIELD_OF_VIEW: f32 = 0.9;
-
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let (Some(input), Some(output)) = (arguments.next(), arguments.next()) else {
@@ -23,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let file = gs_io::read_3d(&input)?; // .ply, .spz, .sog, .splat, .ksplat, .gltf or .glb
     let bulk = Bulk::of(&file.scene).ok_or("the scene has no Gaussian with a finite mean")?;
     let up = [0.0, -1.0, 0.0].into(); // y points down in the files of 3DGS
-    let camera = bulk.overview(SIZE.0, SIZE.1, FIELD_OF_VIEW, up).ok_or("the direction `up` has no length")?;
+    let camera = bulk.overview(SIZE.0, SIZE.1, Bulk::FIELD_OF_VIEW, up).ok_or("the direction `up` has no length")?;
 
     let chosen = block_on(open(&Request::default()))?;
     // The defaults of RenderSettings are for 2D scenes; the file knows its order, antialiasing and SH.

@@ -55,7 +55,8 @@ impl App {
             let config = surface.get_default_config(&adapter, size.width.max(1), size.height.max(1));
             let config = config.ok_or("the adapter can't draw into this window")?;
             surface.configure(&device, &config);
-            let home = bulk.and_then(|bulk| bulk.overview(config.width, config.height, 0.9, Vec3::NEG_Y));
+            let home =
+                bulk.and_then(|bulk| bulk.overview(config.width, config.height, Bulk::FIELD_OF_VIEW, Vec3::NEG_Y));
             let turned = |home: Camera| {
                 let position = center + Quat::from_rotation_y(turn) * (home.position() - center);
                 home.looking_at(position, center, Vec3::NEG_Y)

@@ -81,7 +81,7 @@ pub enum Error {
     /// The first result is kept.
     #[error(
         "row {row} ({run}): was computed twice, with different results (scene {found} instead of {recorded}), though nothing that is known \
-         differs: repeat it on both machines in other folders, and leave out the one that is wrong"
+         differs: repeat the study on both machines in other folders, with --arms, --budgets and --seeds of this row alone, and leave out the one that is wrong"
     )]
     TwoResults {
         /// The row.

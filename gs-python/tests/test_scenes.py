@@ -89,6 +89,8 @@ def test_2d_files(scene_2d: gs.Scene2d, tmp_path: Path) -> None:
     file = tmp_path / "scene.gs2d.safetensors"
     with pytest.raises(ValueError, match="size"):
         scene_2d.save(file)
+    with pytest.raises(ValueError, match="scene.ply: cannot write a 2D scene"):
+        scene_2d.save(tmp_path / "scene.ply", size=(32, 32))
     scene_2d.save(file, size=(32, 32))
     loaded = gs.load(file)
     assert isinstance(loaded, gs.Scene2d)

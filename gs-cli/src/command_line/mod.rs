@@ -112,7 +112,7 @@ pub(crate) enum Command {
     Serve(ServeArgs),
     /// Compare two images, or a scene with its image or data set: PSNR, SSIM, L1
     Eval(Box<EvalArgs>),
-    /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF
+    /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF, or a .gsi file to a 2D scene
     Convert(Box<ConvertArgs>),
     /// Move, turn, scale, crop, filter or join 3D scenes, or remove floaters
     Edit(Box<EditArgs>),

@@ -90,7 +90,7 @@ fn estimates_are_near_what_runs_take() {
         assert!((peak..2 * peak).contains(&estimate), "estimated {estimate} bytes, found {peak}");
     };
     let image = picture(place.path(), 1600, 1200);
-    for flags in [["--loss", "l2"], ["--loss", "l1-dssim"], ["--blend", "over"]] {
+    for flags in [["--loss", "l2", "--blend", "sum"], ["--loss", "l1-dssim", "--blend", "over"]] {
         let fit = [&["fit", text(&image), "-o", text(&output), "-n", "400", "-i", "2"][..], &flags, &CPU].concat();
         let found = summary(&fit);
         let settings: FitSettings = serde_json::from_value(found["settings"].clone()).unwrap();

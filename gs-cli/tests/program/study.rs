@@ -76,7 +76,7 @@ fn a_study_killed_at_random_moments_ends_with_the_tables_of_one_never_stopped() 
 }
 
 #[test]
-fn a_study_leaves_tables_and_a_report() {
+fn a_study_leaves_tables_a_report_and_settings_that_repeat_its_runs() {
     let place = folder();
     let file = study(place.path());
     let output = place.path().join("out");
@@ -89,6 +89,17 @@ fn a_study_leaves_tables_and_a_report() {
     assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
 
     assert!(page.contains(" --backend cpu --simd "), "what the machine has decided");
+    let mut records = output.join("runs").read_dir().unwrap().map(|entry| entry.unwrap().path());
+    let record = records.find(|path| path.extension().is_some_and(|extension| extension == "json")).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&fs::read_to_string(record).unwrap()).unwrap();
+    let (settings, fitted) = (place.path().join("run.toml"), place.path().join("fit"));
+    fs::write(&settings, record["settings"].as_str().unwrap()).unwrap();
+    let image = place.path().join("picture-32x24.png");
+    let fit = [image.to_str().unwrap(), "-o", fitted.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
+    gs(["fit", "--backend", "cpu"].iter().chain(&fit)).done();
+    let summary: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(fitted.join("summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["psnr"], record["outcome"]["psnr"], "{record}");
 }
 
 #[test]

@@ -60,7 +60,7 @@ impl LargeOptions {
     fn capture(&self) -> Capture {
         let gaussians = self.gaussians.unwrap_or(self.common.pick(1e6, 3e3)) as usize;
         Capture {
-            city: City { gaussians, blocks: self.common.pick(6, 1), ..City::default() },
+            city: City { gaussians, blocks: self.common.pick(6, 1), seed: 0 },
             views: self.views.unwrap_or(self.common.pick(400, 8)),
             width: self.width.unwrap_or(self.common.pick(4_000, 120)),
             points: gaussians / 10,

@@ -16,9 +16,9 @@ use crate::{
     study::{Matching, Run},
 };
 
-/// Writes the tables: `runs.csv`, `quality.csv` and `differences.csv`. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
-/// of scenes also has `views.csv`, one with claims `claims.csv`, one with factors `effects.csv` and
-/// `effects-at-time.csv`.
+/// Writes the tables: `runs.csv`, `quality.csv` and `differences.csv`. Tables that depend on measured time are
+/// `times.csv` and `differences-at-time.csv`. A study of scenes also has `views.csv`, one with claims `claims.csv`,
+/// one with factors `effects.csv` and `effects-at-time.csv`.
 ///
 /// # Errors
 /// [`Error::Io`].

@@ -168,7 +168,8 @@ class Scene2d:
         """Write the scene to a file, ``.gs2d.safetensors``, without loss.
 
         :param size: columns and rows of the image, where the scene does not know them.
-        :raises OSError: for a file that cannot be written, or another ending.
+        :raises OSError: for a file that cannot be written.
+        :raises ValueError: for another ending.
         """
     def _repr_png_(self) -> bytes | None:
         """The rendering, for notebooks; None where the size is not known."""

@@ -5,9 +5,10 @@ use std::{path::PathBuf, sync::Arc};
 use bytemuck::cast_slice;
 use gs_backend::block_on;
 use gs_core::{Blend, Canvas, Rasterizer as _, RenderSettings, Scene as _};
-use gs_io::{File2d, IccProfile, PngExtras, png_bytes_with};
+use gs_io::{File2d, IccProfile, PngExtras, SCENE_EXTENSION, png_bytes_with};
 use numpy::{PyArray1, PyArray2};
 use pyo3::{
+    exceptions::PyValueError,
     prelude::*,
     types::{PyAny, PyBytes, PyDict},
 };
@@ -153,6 +154,11 @@ impl Scene2d {
     #[pyo3(signature = (path, size = None))]
     fn save(&self, py: Python<'_>, path: PathBuf, size: Option<(u32, u32)>) -> PyResult<()> {
         let (width, height) = self.size_or(size)?;
+        if !path.to_string_lossy().ends_with(&format!(".{SCENE_EXTENSION}")) {
+            let path = path.display();
+            let message = format!("{path}: cannot write a 2D scene in this format: use .{SCENE_EXTENSION}");
+            return Err(PyValueError::new_err(message));
+        }
         let (scene, profile) = (gs_core::Scene2d::clone(&self.scene), self.profile.clone());
         let file = File2d { scene, width, height, settings: self.render(), profile };
         errors::computed(py, || gs_io::write_2d(path, &file))

@@ -31,7 +31,8 @@ error is that of the worst channel of any pixel, not clamped, against the 64-bit
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
 change.
 
-DIR then holds frontier.json, the table with all times, and frontier.svg, error against time. gs render takes the settings by --accuracy and the flags of effects.";
+DIR then holds frontier.json, the table with all times, and frontier.svg, error against time. gs \
+render takes the settings by --accuracy and the flags of effects.";
 
 /// The flags of `gs frontier`.
 #[derive(Debug, Clone, Args)]

@@ -26,8 +26,8 @@ Popping is measured by the second difference of three frames, averaged over SSIM
 the step, a quarter of the motion remains, but all of a jump. So each number is given for three \
 steps: what stays the same is popping, what falls is motion.
 
-DIR then holds popping.csv, the table; flicker-chart.svg, frame by frame; and popping.png, two consecutive frames with the worst popping in both orders, and their \
-differences.";
+DIR then holds popping.csv, the table; flicker-chart.svg, frame by frame; and popping.png, two consecutive frames with the worst popping in both \
+orders, and their differences.";
 
 /// The flags of `gs popping`.
 #[derive(Debug, Clone, Args)]

@@ -118,7 +118,10 @@ impl HeldStudy {
 pub(super) fn held(args: &HeldStudyArgs, overwrite: bool) -> Result<HeldStudy, Failure> {
     let folder = StudyFolder::open(&args.folder, overwrite)?;
     let file = folder.study_file();
-    let study = Study::from_toml(&read_text(&file, "prepare the study again")?, &file.display().to_string())?;
+    let study = Study::from_toml(
+        &read_text(&file, "restore the file, or prepare the study in another folder")?,
+        &file.display().to_string(),
+    )?;
     let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
     Ok(HeldStudy { folder, study, places })
 }

@@ -192,12 +192,7 @@ pub(crate) fn rows_of(path: &Path, start: &[u8]) -> Option<([Vec<u8>; 2], u64, u
 /// Writes a scene in the layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
 ///
 /// With a frame, coordinates are those of its world: means of 64 bits if 32 do not suffice.
-pub(crate) fn write(
-    scene: &Scene3d,
-    comments: &[String],
-    world: Option<WorldFrame>,
-    file: &mut dyn Write,
-) -> io::Result<()> {
+fn write(scene: &Scene3d, comments: &[String], world: Option<WorldFrame>, file: &mut dyn Write) -> io::Result<()> {
     write_header(scene.sh_degree, scene.len(), comments, world, file)?;
     write_rows(scene, world, file)
 }

@@ -38,18 +38,12 @@ const SKY: [f32; 3] = [0.62, 0.74, 0.88];
 /// Houses, streets and trees, made of Gaussians on their surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct City {
-    /// Blocks along each side, at least 1; a block and its street are 60 m long. Default 6.
+    /// Blocks along each side, at least 1; a block and its street are 60 m long.
     pub(crate) blocks: u32,
-    /// Number of Gaussians, at least 1. Default 1,000,000.
+    /// Number of Gaussians, at least 1.
     pub(crate) gaussians: usize,
     /// Seed of all random numbers.
     pub(crate) seed: u64,
-}
-
-impl Default for City {
-    fn default() -> Self {
-        Self { blocks: 6, gaussians: 1_000_000, seed: 0 }
-    }
 }
 
 impl City {

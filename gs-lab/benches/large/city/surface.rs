@@ -183,7 +183,7 @@ mod tests {
         use super::*;
         use rand::SeedableRng;
 
-        let city = City { blocks: 2, ..City::default() };
+        let city = City { blocks: 2, gaussians: 1, seed: 0 };
         let all = surfaces(&city, &mut Rng::seed_from_u64(3));
         assert!(all[0].normal().abs_diff_eq(-Vec3::Y, 1e-6), "{:?}", all[0].normal());
         let buildings = all.windows(5).filter(|five| matches!(five[4].pattern, Pattern::Roof(_)));

@@ -83,7 +83,7 @@ impl Page<'_> {
                 ul {
                     li { "Every arm was " @if is_of_scenes { "trained on every scene" } @else { "fitted to every image" }
                         " at every budget from every seed with the same rasterizer. Each run is a row of "
-                        code { "runs.csv" } "; " code { "runs/" } " has a file for each address, with all settings of the run, which always ends in the same scene, bit for bit." }
+                        code { "runs.csv" } "; " code { "runs/" } " has a file for each address, with its settings; a run always ends in the same scene, bit for bit." }
                     @if is_of_scenes {
                         li { "Differences are taken held-out view by held-out view. Views of one scene are related, and so are those of one run; "
                             "intervals therefore come from a two-level bootstrap, which draws groups of views as a whole before it draws views in them. "
