@@ -8,9 +8,12 @@ const STUB: &str = "python/gaussian_splats/_native.pyi";
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed={STUB}");
-    if env::var("CARGO_CFG_TARGET_OS")? == "linux" {
+    match env::var("CARGO_CFG_TARGET_OS")?.as_str() {
         // Without this, a library loaded before the module, as the C library is, has precedence.
-        println!("cargo::rustc-link-arg-cdylib=-Wl,-Bsymbolic");
+        "linux" => println!("cargo::rustc-link-arg-cdylib=-Wl,-Bsymbolic"),
+        // The functions of Python are those of the process that loads the module.
+        "macos" => println!("cargo::rustc-link-arg-cdylib=-Wl,-undefined,dynamic_lookup"),
+        _ => (),
     }
     let mut rules = String::new();
     for (name, text) in docstrings(&fs::read_to_string(STUB)?) {

@@ -6,13 +6,10 @@ mod debian;
 mod test;
 mod tools;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use crate::{
-    system::{Options, at, remove, target},
+    system::{Options, VERSION, empty, target},
     web,
 };
 use tools::Tools;
@@ -56,9 +53,6 @@ const SYSTEMS: [System; 3] = [
     },
     System { name: "x86_64-windows", triple: "x86_64-pc-windows-gnullvm", glibc: "", wheel: "win_amd64", debian: None },
 ];
-
-/// The version of the workspace.
-const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Builds the release, and tests it on request.
 pub(crate) fn run(options: Options) -> Result<(), String> {
@@ -123,17 +117,4 @@ impl Papers {
 /// Where the trees of the archives are put together.
 fn staging(system: &System) -> PathBuf {
     target().join("dist-tools").join("trees").join(format!("gs-{VERSION}-{}", system.name))
-}
-
-/// Makes an empty folder, in place of one that may be there.
-fn empty(folder: &Path) -> Result<(), String> {
-    remove(folder)?;
-    fs::create_dir_all(folder).map_err(at(folder))
-}
-
-/// Copies a file, and makes the folders above it.
-fn copy(from: &Path, to: &Path) -> Result<(), String> {
-    let folder = to.parent().unwrap_or(to);
-    let copied = fs::create_dir_all(folder).and_then(|()| fs::copy(from, to));
-    copied.map(drop).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))
 }

@@ -52,7 +52,7 @@ Options:
   --install  install Debian's colmap, and PyCOLMAP from PyPI in an environment of its own; without
              colmap, nothing is checked
 
-cargo xtask python builds the Python module as a wheel into target/wheels, with maturin from PyPI in
+cargo xtask python builds the Python module as a wheel into target/wheels, packed by tools from PyPI in
 an environment of its own. Without Python 3.9 or later it says so and builds nothing.
 
 Options:

@@ -1,15 +1,19 @@
 //! `cargo xtask python`: builds the Python module, and tests it in an environment of its own.
 
 use std::{
+    env,
     ffi::OsStr,
     path::{Path, PathBuf},
     process::Command,
 };
 
-use crate::system::{Options, cargo_program, entries, install_packages, output, remove, step, target, workspace};
+use crate::system::{
+    Options, VERSION, built_module, cargo, copy, empty, entries, install_packages, output, remove, step, target,
+    workspace,
+};
 
-/// What builds wheels, from PyPI.
-const MATURIN: &str = "maturin>=1.9,<2";
+/// What packs wheels, from PyPI.
+const TOOLS: [&str; 3] = ["pyproject-metadata>=0.9", "tomli>=2", "wheel>=0.45"];
 
 /// The packages of Debian and Ubuntu with a Python that can make environments.
 const PYTHON: [&str; 2] = ["python3", "python3-venv"];
@@ -24,31 +28,67 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     let target = target();
     let (environment, wheels) = (target.join("python"), target.join("wheels"));
     remove(&environment)?;
-    let program = |name: &str| programs(&environment).join(name);
-    if let Err(error) = self::environment(python, &environment).and_then(|mut pip| step(pip.arg(MATURIN))) {
+    let program = |name: &str| Command::new(programs(&environment).join(name));
+    if let Err(error) = self::environment(python, &environment).and_then(|mut pip| step(pip.args(TOOLS))) {
         eprintln!("skipped: what the Python module needs cannot be installed ({error})");
         return Ok(());
     }
-    let module = workspace().join("gs-python");
-    let profile = if options.test { "dev" } else { "release" };
-    remove(&wheels)?;
-    let mut build = Command::new(program("maturin"));
-    build.args(["build", "--locked", "--profile", profile, "--out"]).arg(&wheels).env("CARGO", cargo_program());
-    step(build.current_dir(&module))?;
-    let wheel = entries(&wheels)?.pop().ok_or("maturin built no wheel")?;
+    let built = if options.test {
+        built_module()?
+    } else {
+        cargo(&["build", "--locked", "--release", "-p", "gs-python"])?;
+        target.join("release")
+    };
+    let tree = target.join("python-wheel");
+    wheel_tree(&tree, &built.join(format!("{}_native{}", env::consts::DLL_PREFIX, env::consts::DLL_SUFFIX)))?;
+    empty(&wheels)?;
+    pack_wheel(program, &tree, None, &wheels)?;
+    let wheel = entries(&wheels)?.pop().ok_or("no wheel was packed")?;
     eprintln!("built {}", wheel.display());
     if !options.test {
         return Ok(());
     }
+    let module = workspace().join("gs-python");
     step(pip(&environment).arg(format!("{}[test]", wheel.display())))?;
-    step(Command::new(program("ruff")).args(["check", "."]).current_dir(&module))?;
-    step(Command::new(program("ruff")).args(["format", "--check", "."]).current_dir(&module))?;
-    step(Command::new(program("mypy")).args(["--strict", "python", "tests", "examples"]).current_dir(&module))?;
-    step(Command::new(program("stubtest")).args(STUBTEST).current_dir(&module))?;
+    step(program("ruff").args(["check", "."]).current_dir(&module))?;
+    step(program("ruff").args(["format", "--check", "."]).current_dir(&module))?;
+    step(program("mypy").args(["--strict", "python", "tests", "examples"]).current_dir(&module))?;
+    step(program("stubtest").args(STUBTEST).current_dir(&module))?;
     // Development mode shows what Python only warns of otherwise. Skipped tests are listed by name.
-    let mut tests = Command::new(program("python"));
+    let mut tests = program("python");
     tests.args(["-X", "dev", "-X", "faulthandler", "-m", "pytest", "-q", "-rs", "tests"]);
     step(tests.current_dir(&module))
+}
+
+/// Makes the folder of what a wheel consists of, in place of one that may be there, with the compiled module
+/// and the licences of the project.
+pub(crate) fn wheel_tree(tree: &Path, module: &Path) -> Result<(), String> {
+    let windows = module.extension().is_some_and(|ending| ending == "dll");
+    let name = if windows { "_native.pyd" } else { "_native.abi3.so" };
+    empty(tree)?;
+    copy(module, &tree.join("gaussian_splats").join(name))?;
+    for file in ["LICENSE-APACHE", "LICENSE-MIT"] {
+        copy(&workspace().join(file), &wheel_information(tree).join("licenses").join(file))?;
+    }
+    Ok(())
+}
+
+/// The folder of a wheel's tree for metadata.
+pub(crate) fn wheel_information(tree: &Path) -> PathBuf {
+    tree.join(format!("gaussian_splats-{VERSION}.dist-info"))
+}
+
+/// Adds the Python sources and the metadata to a wheel's tree, and packs it into a folder. The programs are
+/// those of an environment with [`TOOLS`]; the platform is that of its Python if none is given.
+pub(crate) fn pack_wheel(
+    program: impl Fn(&str) -> Command,
+    tree: &Path,
+    platform: Option<&str>,
+    out: &Path,
+) -> Result<(), String> {
+    let script = "xtask/src/python/wheel_tree.py";
+    step(program("python").arg(script).arg(tree).arg(VERSION).args(platform).current_dir(workspace()))?;
+    step(program("wheel").arg("pack").arg("--dest-dir").arg(out).arg(tree))
 }
 
 /// The comparison of the stub with the compiled module. What has documentation in the stub is found

@@ -8,6 +8,9 @@ use std::{
     process::{Command, Stdio},
 };
 
+/// The version of the workspace.
+pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
+
 /// What the flags of a command ask for.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Options {
@@ -69,6 +72,11 @@ pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
 /// Runs cargo in the workspace, under a line that shows the command.
 pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
     step(Command::new(cargo_program()).args(arguments).current_dir(workspace()))
+}
+
+/// Builds the Python module for tests, and returns the folder that it is in.
+pub(crate) fn built_module() -> Result<PathBuf, String> {
+    built(&["--lib", "--example", "adapters"], Path::new(""))
 }
 
 /// Builds `gs` for tests, and returns its path.
@@ -136,6 +144,19 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
 /// Removes a folder that may be there.
 pub(crate) fn remove(folder: &Path) -> Result<(), String> {
     if folder.exists() { fs::remove_dir_all(folder).map_err(at(folder)) } else { Ok(()) }
+}
+
+/// Makes an empty folder, in place of one that may be there.
+pub(crate) fn empty(folder: &Path) -> Result<(), String> {
+    remove(folder)?;
+    fs::create_dir_all(folder).map_err(at(folder))
+}
+
+/// Copies a file, and makes the folders above it.
+pub(crate) fn copy(from: &Path, to: &Path) -> Result<(), String> {
+    let folder = to.parent().unwrap_or(to);
+    let copied = fs::create_dir_all(folder).and_then(|()| fs::copy(from, to));
+    copied.map(drop).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))
 }
 
 /// Checks that the compiler has a target, or installs it.

@@ -2,8 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{NOTICES, Papers, System, VERSION, copy, debian, empty, staging, tools::Tools};
-use crate::{system::workspace, web::copy_folder};
+use super::{NOTICES, Papers, System, debian, staging, tools::Tools};
+use crate::{
+    system::{VERSION, copy, empty, workspace},
+    web::copy_folder,
+};
 
 /// What all archives hold, besides files of the workspace.
 #[derive(Debug)]

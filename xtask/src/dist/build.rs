@@ -5,8 +5,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{NOTICES, Papers, SYSTEMS, System, VERSION, copy, empty, tools::Tools};
-use crate::system::{step, target, workspace};
+use super::{NOTICES, Papers, SYSTEMS, System, tools::Tools};
+use crate::{
+    python,
+    system::{VERSION, copy, empty, step, target},
+};
 
 /// The profile of Cargo.toml.
 pub(crate) const PROFILE: &str = "shipped";
@@ -55,17 +58,10 @@ pub(super) fn manual(tools: &Tools, built: &[Built], name: &str) -> Result<PathB
 /// Packs the wheel for a system, with what it is made of, into a folder.
 pub(super) fn wheel(tools: &Tools, system: &System, built: &Built, papers: &Papers, out: &Path) -> Result<(), String> {
     let tree = target().join("dist-tools/wheels").join(system.name).join(format!("gaussian_splats-{VERSION}"));
-    empty(&tree)?;
-    let module = if system.is_windows() { "_native.pyd" } else { "_native.abi3.so" };
-    copy(&built.module, &tree.join("gaussian_splats").join(module))?;
-    let info = tree.join(format!("gaussian_splats-{VERSION}.dist-info"));
-    let licenses = info.join("licenses");
-    for file in ["LICENSE-APACHE", "LICENSE-MIT"] {
-        copy(&workspace().join(file), &licenses.join(file))?;
-    }
-    copy(&papers.notices, &licenses.join(NOTICES))?;
+    python::wheel_tree(&tree, &built.module)?;
+    let info = python::wheel_information(&tree);
+    copy(&papers.notices, &info.join("licenses").join(NOTICES))?;
     // The place that PEP 770 gives it.
     copy(&papers.module, &info.join("sboms/gaussian_splats.cdx.json"))?;
-    tools.script("wheel_tree.py", [tree.as_os_str(), VERSION.as_ref(), system.wheel.as_ref()])?;
-    step(tools.command("wheel").arg("pack").arg("--dest-dir").arg(out).arg(&tree))
+    python::pack_wheel(|program| tools.command(program), &tree, Some(system.wheel), out)
 }

@@ -2,9 +2,9 @@
 
 use std::{fs, path::Path};
 
-use super::{VERSION, archive, copy, empty, tools::Tools};
+use super::{archive, tools::Tools};
 use crate::{
-    system::{at, has_program},
+    system::{VERSION, at, copy, empty, has_program},
     web::copy_folder,
 };
 

@@ -16,8 +16,8 @@ use std::{
     time::Instant,
 };
 
-use super::{VERSION, empty, tools::Tools};
-use crate::system::{has_program, install_packages, output, target, workspace};
+use super::tools::Tools;
+use crate::system::{VERSION, empty, has_program, install_packages, output, target, workspace};
 
 /// What the parts of the test share.
 #[derive(Debug)]

@@ -6,6 +6,7 @@ use super::{
     Bench, Outcome, expect,
     program::{Program, equal},
 };
+use crate::system::empty;
 
 /// The files that are compared: a fit, a compressed image and a trained scene.
 const FILES: [&str; 3] = ["fit/scene.gs2d.safetensors", "image.gsi", "scene/scene.ply"];
@@ -30,7 +31,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
 
 /// Makes the files in a new folder.
 fn results(gs: &Program, folder: &Path, image: &Path, dataset: &Path) -> Result<PathBuf, String> {
-    super::empty(folder)?;
+    empty(folder)?;
     let [image, dataset] = [image, dataset].map(|path| path.display().to_string());
     let level = ["--simd", "baseline"];
     gs.run(folder, &[&["fit", &image, "-o", "fit", "-n", "2000", "-i", "100"], &level[..]].concat())?;

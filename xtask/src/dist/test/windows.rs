@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use super::{Bench, Outcome, expect, program::Program};
-use crate::system::at;
+use crate::system::{at, copy};
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("windows")?.join("Größe 図");
@@ -11,7 +11,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let Some(gs) = Program::windows(bench, &folder)? else {
         return Ok(Outcome::Skipped("there is no Wine; --install installs it".to_owned()));
     };
-    super::super::copy(&bench.image, &folder.join("Bilder").join("Fähre 七.png"))?;
+    copy(&bench.image, &folder.join("Bilder").join("Fähre 七.png"))?;
     let photo = r"Bilder\Fähre 七.png";
     images(&gs, &folder, photo)?;
     training(&gs, &folder, &format!("Z:{}", bench.dataset.display()).replace('/', r"\"))?;

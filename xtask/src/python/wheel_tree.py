@@ -1,11 +1,12 @@
-"""wheel_tree.py TREE VERSION PLATFORM: what a wheel's tree needs besides the compiled module.
+"""wheel_tree.py TREE VERSION [PLATFORM]: what a wheel's tree needs besides the compiled module.
 
 The Python sources, the metadata of pyproject.toml, and the tags: Python's stable ABI since the oldest
-Python that it names.
+Python that it names, and the platform, which is that of this Python if none is given.
 """
 
 import shutil
 import sys
+import sysconfig
 from pathlib import Path
 
 import tomli
@@ -19,7 +20,8 @@ Tag: cp{python}-abi3-{platform}
 """
 
 
-def main(tree: Path, version: str, platform: str) -> None:
+def main(tree: Path, version: str, platform: str = "") -> None:
+    platform = platform or sysconfig.get_platform().replace("-", "_").replace(".", "_")
     package = Path("gs-python")
     for source in (package / "python/gaussian_splats").iterdir():
         if source.suffix in {".py", ".pyi"} or source.name == "py.typed":
