@@ -58,15 +58,20 @@ pub(crate) fn root(program: &str) -> Command {
     command
 }
 
-/// Installs packages of Debian or Ubuntu, as root or through sudo.
+/// Installs packages of Debian or Ubuntu, as root or through sudo, while no other process of this program
+/// does: `apt-get` fails where another one is at work.
 pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
+    let lock = target().join("packages.lock");
+    let lock = fs::File::create(&lock).and_then(|file| file.lock().map(|()| file)).map_err(at(&lock))?;
     let apt = |arguments: &[&str]| {
         let mut command = root("apt-get");
         step(command.args(["--quiet", "--yes"]).args(arguments).env("DEBIAN_FRONTEND", "noninteractive"))
     };
     // Package lists may be old, or absent as in a fresh container.
     let install = [&["install", "--no-install-recommends"], packages].concat();
-    apt(&install).or_else(|_| apt(&["update"]).and_then(|()| apt(&install)))
+    let installed = apt(&install).or_else(|_| apt(&["update"]).and_then(|()| apt(&install)));
+    drop(lock);
+    installed
 }
 
 /// Runs cargo in the workspace, under a line that shows the command.
