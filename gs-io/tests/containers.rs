@@ -128,7 +128,7 @@ fn edited(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(fresh(256))]
+    #![proptest_config(fresh(100))]
 
     #[test]
     fn scenes_survive_a_round_trip_bit_for_bit(file in scene_files()) {

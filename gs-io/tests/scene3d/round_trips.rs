@@ -89,7 +89,7 @@ fn assert_near(what: &str, a: Vec3, b: Vec3, tolerance: f32) {
 }
 
 proptest! {
-    #![proptest_config(fresh(256))]
+    #![proptest_config(fresh(100))]
 
     #[test]
     fn ply_is_the_identity(scene in scenes(finite, finite), q in [finite(), finite(), finite(), finite()]) {

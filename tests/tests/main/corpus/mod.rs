@@ -63,7 +63,7 @@ fn the_cpu_passes_a_share_of_the_cases_at_each_other_level() {
     let others: Vec<SimdLevel> =
         SimdLevel::available().into_iter().filter(|level| *level != SimdLevel::best()).collect();
     for (first, level) in others.iter().enumerate() {
-        let failures = unexpected(&every(others.len(), first, &cpu(*level)));
+        let failures = unexpected(&every(2 * others.len(), first, &cpu(*level)));
         assert!(failures.is_empty(), "{level}:\n{}", failures.join("\n"));
     }
 }
@@ -80,13 +80,13 @@ fn check(kernels: Kernels, records: impl Fn(&WgpuRasterizer) -> Vec<Record>) {
 }
 
 #[test]
-fn wgpu_passes_a_twelfth_of_the_cases_with_portable_kernels() {
-    check(Kernels::Portable, |rasterizer| every(12, 0, rasterizer));
+fn wgpu_passes_a_sixteenth_of_the_cases_with_portable_kernels() {
+    check(Kernels::Portable, |rasterizer| every(16, 0, rasterizer));
 }
 
 #[test]
-fn wgpu_passes_another_twelfth_of_the_cases_with_subgroups() {
-    check(Kernels::Subgroups, |rasterizer| every(12, 6, rasterizer));
+fn wgpu_passes_another_sixteenth_of_the_cases_with_subgroups() {
+    check(Kernels::Subgroups, |rasterizer| every(16, 8, rasterizer));
 }
 
 #[test]

@@ -54,7 +54,7 @@ fn trained_by_oracle(draw: &Draw, loss: Loss, steps: usize) -> Image {
 }
 
 proptest! {
-    #![proptest_config(repeatable(8, 2027))]
+    #![proptest_config(repeatable(5, 2027))]
 
     /// Rounding errors grow in training, so images are compared and not parameters.
     #[test]
