@@ -58,9 +58,7 @@ impl Log {
             match lines.recv_timeout(PAUSE) {
                 Ok(line) => {
                     self.line(&line);
-                    if is_error(&line) && said.is_none() {
-                        said = Some(without_prefix(&line).trim().to_owned());
-                    }
+                    said = error_in(&line).or(said);
                     each(without_prefix(&line));
                 }
                 Err(RecvTimeoutError::Disconnected) => break child.wait().map_err(failed)?,
@@ -109,10 +107,20 @@ pub(crate) fn without_prefix(line: &str) -> &str {
     line.split_once("] ").filter(|_| is_logged).map_or(line, |(_, text)| text)
 }
 
-/// Whether a line says what went wrong.
-fn is_error(line: &str) -> bool {
+/// What went wrong, if a line says it.
+fn error_in(line: &str) -> Option<String> {
     let is_logged = line.starts_with(['E', 'F']) && line.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
-    is_logged || ["ERROR", "Check failed", "terminate called", "bad_alloc"].iter().any(|word| line.contains(word))
+    let is_error = |word: &&str| line.contains(*word);
+    if line.contains("bad_alloc") {
+        return Some("std::bad_alloc: out of memory".to_owned());
+    }
+    let words = ["ERROR", "Check failed", "terminate called", "what():", "SQLite error"];
+    (is_logged || words.iter().any(is_error)).then(|| without_prefix(line).trim().to_owned())
+}
+
+/// Whether an error is that with which COLMAP ends where the photographs cannot be reconstructed.
+pub(crate) fn finds_nothing(error: &str) -> bool {
+    error.to_lowercase().contains("failed to create sparse model")
 }
 
 /// How a process ended.
@@ -173,7 +181,22 @@ mod tests {
         }
         assert_eq!(fraction("Matching block [2/5, 4/5] in 3.1s"), Some((9, 25)));
         assert_eq!((fraction("Registering image #5 (4)"), fraction("[1/x]"), fraction("[]")), (None, None, None));
-        assert!(is_error("F2026 x.cc:1] Check failed") && is_error("ERROR: Failed") && !is_error("Elapsed time"));
+    }
+
+    #[test]
+    fn errors_of_both_kinds_of_versions_are_understood() {
+        assert_eq!(error_in("F2026 x.cc:1] Check failed: a > 0").as_deref(), Some("Check failed: a > 0"));
+        assert_eq!(error_in("  what():  std::bad_alloc").as_deref(), Some("std::bad_alloc: out of memory"));
+        let refused = "ERROR: Failed to parse options - unrecognised option '--x'.";
+        let unreadable = "SQLite error [./src/base/database.cc, line 267]: file is not a database";
+        for line in [refused, unreadable] {
+            assert_eq!(error_in(line).as_deref(), Some(line));
+            assert!(!finds_nothing(line));
+        }
+        assert_eq!((error_in("Elapsed time"), error_in("I2026 x.cc:1] Failed")), (None, None));
+        for line in ["ERROR: failed to create sparse model", "E2026 sfm.cc:2] Failed to create sparse model"] {
+            assert!(finds_nothing(&error_in(line).unwrap()), "{line}");
+        }
     }
 
     #[test]

@@ -84,5 +84,4 @@ try:
     main()
 except Exception as error:
     print(f"ERROR: {type(error).__name__}: {error}", file=sys.stderr)
-    # 1 is for a scene in which nothing is found.
     sys.exit(2)

@@ -18,7 +18,7 @@ use crate::{
     inspection::why_none,
     model::{self, Model, models_in},
     plan::Plan,
-    process::{Log, features_in, fraction},
+    process::{Log, features_in, finds_nothing, fraction},
     settings::Settings,
     upright::upright,
     verdict::Verdict,
@@ -328,7 +328,7 @@ impl Run<'_> {
         let shown = |line: &str| Some((registered(line)?.min(total), total));
         match self.run(&arguments, Stage::Mapping, shown) {
             // Versions differ in whether finding nothing is a failure.
-            Err(Error::Failed { how, .. }) if how == "ended with status 1" => return Ok(Vec::new()),
+            Err(Error::Failed { said: Some(said), .. }) if finds_nothing(&said) => return Ok(Vec::new()),
             ended => ended?,
         }
         let found = models_in(&models)?;

@@ -252,6 +252,28 @@ fn photographs_without_poses_say_why() {
 }
 
 #[test]
+fn a_mapper_that_fails_is_not_one_that_finds_nothing() {
+    let scene = Scene::textured();
+    let nothing = "echo 'ERROR: failed to create sparse model' >&2; exit 1";
+    scene.before("mapper", nothing);
+    let run = scene.gs(&["poses", "photos", "-o", "set"]);
+    assert!(last_line(&run).contains("no poses were found"), "{run:?}");
+    scene.calls();
+    for (said, shown) in [
+        ("terminate called\n  what():  std::bad_alloc", "std::bad_alloc: out of memory"),
+        ("ERROR: first\nERROR: unrecognised option", "ERROR: unrecognised option"),
+        ("SQLite error [database.cc, line 1]: no database", "SQLite error [database.cc, line 1]: no database"),
+    ] {
+        scene.before("mapper", &format!("printf '%b\\n' '{said}' >&2; exit 1"));
+        let run = scene.gs(&["poses", "photos", "-o", "set"]);
+        let expected = format!("error: COLMAP ended with status 1 while finding the poses ({shown}): see ");
+        let line = last_line(&run);
+        assert!(run.status == Some(1) && line.starts_with(&expected) && line.contains("set/poses.log"), "{run:?}");
+        assert_eq!(scene.calls().iter().filter(|call| *call == "mapper").count(), 1, "no second attempt");
+    }
+}
+
+#[test]
 fn a_training_finds_the_poses_of_photographs_once() {
     let scene = Scene::textured();
     let words =
