@@ -45,6 +45,9 @@ const TRUSTED: f64 = 0.7;
 /// Images that two pieces must share to be joined.
 const SHARED: usize = 3;
 
+/// Files that are put into the data set between two writes of its index, which lists all of them.
+const BLOCK: usize = 256;
+
 /// A stage of the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -187,35 +190,37 @@ fn place_files(photographs: &Photographs, folder: &OutputFolder) -> Result<bool,
     let images = photographs.files.iter().map(|photograph| (format!("images/{}", photograph.name), &photograph.path));
     let mask = |photograph: &'_ Photograph| Some((format!("masks/{}.png", photograph.name), photograph.mask.clone()?));
     let masks: Vec<(String, PathBuf)> = photographs.files.iter().filter_map(mask).collect();
-    let wanted: BTreeMap<String, &PathBuf> =
+    let mut wanted: BTreeMap<String, &PathBuf> =
         images.chain(masks.iter().map(|(name, path)| (name.clone(), path))).collect();
     for stale in ["images/", "masks/"].iter().flat_map(|part| folder.claimed(part)) {
         if !wanted.contains_key(&stale) {
             folder.remove(&stale)?;
         }
     }
-    for (name, path) in wanted {
-        place_file(folder, &name, path)?;
+    wanted.retain(|name, path| !is_placed(&folder.path().join(name), path));
+    folder.claim(wanted.keys().cloned())?;
+    for block in wanted.into_iter().collect::<Vec<_>>().chunks(BLOCK) {
+        folder.announce(block.iter().map(|(name, _)| name.clone()));
+        block.iter().try_for_each(|(name, path)| place_file(folder, name, path))?;
     }
     Ok(!masks.is_empty())
 }
 
-/// Puts a file into the data set as a link or a copy, unless it is there.
-fn place_file(folder: &OutputFolder, name: &str, path: &Path) -> Result<(), Error> {
-    let target = folder.path().join(name);
-    let is_same = gs_io::Inputs::from_iter([path]).contain(&target);
-    let same_copy = || {
-        let (old, new) = (fs::metadata(&target).ok()?, fs::metadata(path).ok()?);
-        Some(old.len() == new.len() && fs::read(&target).ok()? == fs::read(path).ok()?)
+/// Whether a file is in its place already, as a link or a copy.
+fn is_placed(target: &Path, path: &Path) -> bool {
+    let is_same_copy = || {
+        let (old, new) = (fs::metadata(target).ok()?, fs::metadata(path).ok()?);
+        Some(old.len() == new.len() && fs::read(target).ok()? == fs::read(path).ok()?)
     };
-    if is_same || same_copy() == Some(true) {
-        return Ok(());
-    }
-    folder.claim([name])?;
+    gs_io::Inputs::from_iter([path]).contain(target) || is_same_copy() == Some(true)
+}
+
+/// Puts a file into the data set as a link or a copy.
+fn place_file(folder: &OutputFolder, name: &str, path: &Path) -> Result<(), Error> {
+    let target = folder.file(name);
     if let Some(parent) = target.parent() {
         fs::create_dir_all(parent).map_err(Error::at(parent))?;
     }
-    let target = folder.file(name);
     folder.remove(name)?;
     if fs::hard_link(path, &target).is_ok() {
         return Ok(());

@@ -190,6 +190,17 @@ impl OutputFolder {
         self.path().join(name)
     }
 
+    /// Adds claimed files that are about to be written to the index, which is then written once instead of once for each
+    /// file.
+    pub fn announce(&self, names: impl IntoIterator<Item = String>) {
+        let mut index = self.index();
+        let before = index.0.len();
+        index.0.extend(names);
+        if index.0.len() > before {
+            index.update(self.path());
+        }
+    }
+
     fn claims(&self, name: &str) -> bool {
         self.lock_claimed().contains(name)
     }
@@ -331,6 +342,18 @@ mod tests {
         fs::write(place.path().join("curve"), "mine").unwrap();
         assert_eq!(Index::of(place.path()), stored);
         assert_eq!(stored.0, BTreeSet::from(["scene".to_owned()]));
+    }
+
+    #[test]
+    fn files_that_were_announced_but_not_written_are_not_claimed() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = begin(place.path(), &["scene", "curve"]).unwrap();
+        folder.announce(["scene", "curve"].map(str::to_owned));
+        let stored = || fs::read_to_string(place.path().join(index::NAME)).unwrap();
+        assert!(stored().contains("scene") && stored().contains("curve"));
+        write(&folder, "scene");
+        drop(folder);
+        assert!(stored().contains("scene") && !stored().contains("curve"));
     }
 
     #[test]
