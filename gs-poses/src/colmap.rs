@@ -7,7 +7,7 @@ use std::{
 
 use crate::{
     error::Error,
-    plan::{Group, OVERLAP, Plan},
+    plan::{Group, Plan},
     program::{Program, said},
     settings::Settings,
 };
@@ -21,6 +21,9 @@ const FAST: [u32; 3] = [4, 1, 1];
 
 /// Versions between which comparing photographs is slow: the first, and the one that repairs it.
 const SLOW: [[u32; 3]; 2] = [[4, 0, 0], FAST];
+
+/// The version from which each kind of features has its own vocabulary tree, which the help does not name.
+const TREES: [u32; 3] = [4, 0, 0];
 
 /// The most photographs that are added one by one, where COLMAP can also take all at once.
 const ONE_BY_ONE: usize = 250;
@@ -137,9 +140,26 @@ impl Colmap {
         arguments
     }
 
-    /// The command that compares the photographs.
-    pub(crate) fn compare(&self, place: &Place<'_>, plan: &Plan, settings: &Settings) -> Arguments {
-        let mut arguments = Arguments::new(if plan.all_pairs { "exhaustive_matcher" } else { "sequential_matcher" });
+    /// Whether it fetches a vocabulary tree where none is named, as its help says since version 3.12.
+    pub(crate) fn fetches_tree(&self) -> bool {
+        let is_fetched = |line: &str| line.contains("--SequentialMatching.vocab_tree_path") && line.contains("=http");
+        let help = || self.program.said(&["sequential_matcher", "-h"]).map(|(_, help)| help).unwrap_or_default();
+        self.version >= TREES || help().lines().any(is_fetched)
+    }
+
+    /// The command that compares the photographs of these pairs.
+    pub(crate) fn compare(
+        &self,
+        place: &Place<'_>,
+        plan: &Plan,
+        pairs: Compared<'_>,
+        settings: &Settings,
+    ) -> Arguments {
+        let mut arguments = Arguments::new(match pairs {
+            Compared::All => "exhaustive_matcher",
+            Compared::Neighbours { .. } => "sequential_matcher",
+            Compared::Listed(_) => "matches_importer",
+        });
         arguments.path("database_path", place.database);
         let named = |name: &str| renamed(&self.matching, ["FeatureMatching", "SiftMatching"], name);
         arguments.set(&named("use_gpu"), u8::from(self.gpu));
@@ -149,13 +169,18 @@ impl Colmap {
         if self.looks_one_way(plan) {
             arguments.set(CROSS_CHECK, 0);
         }
-        if plan.all_pairs {
+        match pairs {
             // Smaller blocks show more of the progress.
-            arguments.set("ExhaustiveMatching.block_size", 20);
-        } else {
-            arguments.set("SequentialMatching.overlap", OVERLAP);
-            if let Some(tree) = &settings.vocabulary {
-                arguments.set("SequentialMatching.loop_detection", 1).path("SequentialMatching.vocab_tree_path", tree);
+            Compared::All => _ = arguments.set("ExhaustiveMatching.block_size", 20),
+            Compared::Listed(list) => _ = arguments.path("match_list_path", list).set("match_type", "pairs"),
+            Compared::Neighbours { overlap, alike } => {
+                arguments.set("SequentialMatching.overlap", overlap);
+                if alike {
+                    arguments.set("SequentialMatching.loop_detection", 1);
+                }
+                if let Some(tree) = settings.vocabulary.as_ref().filter(|_| alike) {
+                    arguments.path("SequentialMatching.vocab_tree_path", tree);
+                }
             }
         }
         arguments
@@ -196,6 +221,19 @@ impl Colmap {
         }
         arguments
     }
+}
+
+/// The pairs of photographs that a command compares.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Compared<'a> {
+    All,
+    /// So many neighbours by name, and with `alike`, what looks alike by a vocabulary tree.
+    Neighbours {
+        overlap: usize,
+        alike: bool,
+    },
+    /// The pairs in a list.
+    Listed(&'a Path),
 }
 
 /// Where COLMAP works; absolute paths.
@@ -276,7 +314,7 @@ mod tests {
         let compares_in_one = |version, gpu, help: &str, plan: &Plan| {
             let here = Path::new("");
             let place = Place { database: here, images: here, masks: here, models: here };
-            let arguments = colmap(version, gpu, help).compare(&place, plan, &Settings::default());
+            let arguments = colmap(version, gpu, help).compare(&place, plan, Compared::All, &Settings::default());
             has(&arguments, "--SiftMatching.cross_check", "0")
         };
         let help = "  --SiftMatching.cross_check arg (=1)";

@@ -1,6 +1,6 @@
 //! The choices: which photographs share a camera, its lens, how many features, which pairs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -168,6 +168,21 @@ impl Group {
     }
 }
 
+/// The pairs of neighbours by time, one in a line, as far from each other as COLMAP's neighbours by name: up to
+/// [`OVERLAP`], and powers of two. `None` where these are neighbours by name, too, where a time is missing, or where a
+/// name has a blank, which separates the two names of a line.
+pub(crate) fn pairs_by_time(photographs: &[Photograph]) -> Option<String> {
+    let taken = |photograph: &'_ Photograph| Some((photograph.exif.taken.clone()?, photograph.name.clone()));
+    let mut sorted: Vec<(String, String)> = photographs.iter().map(taken).collect::<Option<_>>()?;
+    if sorted.is_sorted() || sorted.iter().any(|(_, name)| name.contains(' ')) {
+        return None;
+    }
+    sorted.sort_unstable();
+    let steps: BTreeSet<usize> = (1..=OVERLAP).chain((0..OVERLAP).map(|power| 1 << power)).collect();
+    let pair = |at: usize, step: &usize| Some(format!("{} {}\n", sorted[at].1, sorted.get(at + step)?.1));
+    Some((0..sorted.len()).flat_map(|at| steps.iter().filter_map(move |step| pair(at, step))).collect())
+}
+
 fn pairs(photographs: usize, all: bool) -> usize {
     if all { photographs * photographs.saturating_sub(1) / 2 } else { photographs * OVERLAP }
 }
@@ -263,6 +278,33 @@ pub(crate) mod tests {
         assert!(plan(400, &settings.clone().with(|s| s.pairs = Pairs::All)).all_pairs);
         let fisheye = settings.with(|s| s.lens = LensKind::Fisheye);
         assert_eq!(plan(3, &fisheye).groups[0].model, "OPENCV_FISHEYE");
+    }
+
+    #[test]
+    fn neighbours_by_time_are_as_many_as_by_name() {
+        let times = |times: &[Option<u32>]| -> Vec<Photograph> {
+            let named = |(i, time): (usize, &Option<u32>)| {
+                let mut photograph = photograph(&format!("{i:02}.jpg"), "", 0, (400, 300));
+                photograph.exif.taken = time.map(|time| format!("2026:01:02 03:04:{time:02}."));
+                photograph
+            };
+            times.iter().enumerate().map(named).collect()
+        };
+        // Names decide ties.
+        assert_eq!(
+            pairs_by_time(&times(&[Some(2), Some(1), Some(1)])).as_deref(),
+            Some("01.jpg 02.jpg\n01.jpg 00.jpg\n02.jpg 00.jpg\n")
+        );
+        let backwards: Vec<Option<u32>> = (0..20).rev().map(Some).collect();
+        let pairs = pairs_by_time(&times(&backwards)).unwrap();
+        let of_first: Vec<usize> =
+            pairs.lines().filter_map(|line| line.strip_prefix("19.jpg ")?[..2].parse().ok()).collect();
+        assert_eq!(of_first, [18, 17, 16, 15, 14, 13, 12, 11, 10, 9, 3]);
+        assert_eq!(pairs_by_time(&times(&[Some(1), Some(2), Some(3)])), None, "the order of the names");
+        assert_eq!(pairs_by_time(&times(&[Some(3), None, Some(1)])), None, "a time is missing");
+        let mut blank = times(&[Some(2), Some(1)]);
+        blank[0].name = "a b.jpg".to_owned();
+        assert_eq!(pairs_by_time(&blank), None, "a name has a blank");
     }
 
     #[test]

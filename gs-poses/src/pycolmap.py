@@ -25,6 +25,11 @@ def commands():
             {"matching_options": "FeatureMatching", "pairing_options": "SequentialMatching"},
             {**matching, "SequentialMatching": [pycolmap.SequentialPairingOptions()]},
         ),
+        "matches_importer": (
+            pycolmap.match_image_pairs,
+            {"matching_options": "FeatureMatching", "pairing_options": "ImportedPairs"},
+            {**matching, "ImportedPairs": [pycolmap.ImportedPairingOptions()]},
+        ),
         "mapper": (
             pycolmap.incremental_mapping,
             {"options": "Mapper"},
@@ -54,6 +59,10 @@ def run(command, words):
                 given["image_names"] = names.read().splitlines()
         elif option == "--ImageReader.single_camera":
             given["camera_mode"] = pycolmap.CameraMode.SINGLE
+        elif option == "--match_list_path":
+            put(groups["ImportedPairs"], "match_list_path", text)
+        elif option == "--match_type":
+            pass  # PyCOLMAP's function takes pairs only.
         elif group:
             put(groups[group], name, text)
         else:

@@ -10,14 +10,14 @@ use gs_io::OutputFolder;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    colmap::{Arguments, Colmap, Place},
+    colmap::{Arguments, Colmap, Compared, Place},
     error::Error,
     gps::align,
     input::photographs::{Exif, Identity, Photograph, Photographs, identity},
     input::source::Source,
     inspection::why_none,
     model::{self, Model, models_in},
-    plan::Plan,
+    plan::{OVERLAP, Plan, pairs_by_time},
     process::{Log, features_in, finds_nothing, fraction},
     settings::Settings,
     upright::upright,
@@ -312,14 +312,53 @@ impl Run<'_> {
             self.store(state, attempt)?;
         }
         if !state.matched {
-            let arguments = self.colmap.compare(&place, &state.plan, self.settings);
-            let shown =
-                |line: &str| fraction(line).filter(|_| line.contains("ing block") || line.contains("ing image"));
-            self.run(&arguments, Stage::Matching, shown)?;
+            if state.plan.all_pairs {
+                self.compare(&place, &state.plan, Compared::All)?;
+            } else {
+                self.compare_neighbours(&place, &state.plan, attempt)?;
+            }
             state.matched = true;
             self.store(state, attempt)?;
         }
         Ok(())
+    }
+
+    /// Compares neighbours, and what looks alike if there is a vocabulary tree.
+    fn compare_neighbours(&mut self, place: &Place<'_>, plan: &Plan, attempt: usize) -> Result<(), Error> {
+        let by_time = pairs_by_time(&self.photographs.files);
+        if let Some(pairs) = &by_time {
+            let list = self.work.join("pairs.txt");
+            fs::write(&list, pairs).map_err(Error::at(&list))?;
+            self.compare(place, plan, Compared::Listed(&list))?;
+        }
+        // After those by time, neighbours by name are of no use, but COLMAP compares at least one.
+        let overlap = if by_time.is_some() { 1 } else { OVERLAP };
+        let is_named = self.settings.vocabulary.is_some();
+        if is_named || self.colmap.fetches_tree() {
+            match self.compare(place, plan, Compared::Neighbours { overlap, alike: true }) {
+                Err(Error::Failed { how, said, .. }) if !is_named => {
+                    let why = said.unwrap_or(how);
+                    self.observer.note(&format!("COLMAP cannot use the vocabulary tree that it fetches: {why}"));
+                }
+                ended => return ended,
+            }
+        }
+        if attempt == 0 {
+            self.observer.note(
+                "photographs are compared with their neighbours only, so that places visited twice are not recognised: a \
+                 vocabulary tree of COLMAP (--vocabulary FILE) mends that",
+            );
+        }
+        match by_time {
+            Some(_) => Ok(()),
+            None => self.compare(place, plan, Compared::Neighbours { overlap, alike: false }),
+        }
+    }
+
+    fn compare(&mut self, place: &Place<'_>, plan: &Plan, pairs: Compared<'_>) -> Result<(), Error> {
+        let arguments = self.colmap.compare(place, plan, pairs, self.settings);
+        let shown = |line: &str| fraction(line).filter(|_| line.contains("ing block") || line.contains("ing image"));
+        self.run(&arguments, Stage::Matching, shown)
     }
 
     /// Finds the poses.

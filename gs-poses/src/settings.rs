@@ -25,8 +25,8 @@ gs_core::choices! {
         Auto = "auto": "All of up to 150 photographs, neighbours of more",
         /// All.
         All = "all": "All pairs, whose number grows with the square of that of photographs",
-        /// Those next to each other by name, as in a video.
-        Neighbours = "neighbours": "Those next to each other by name, as in a video",
+        /// Those next to each other by time or name, as in a video.
+        Neighbours = "neighbours": "Those next to each other by time or name, as in a video",
     }
 }
 
@@ -42,7 +42,7 @@ pub struct Settings {
     /// least 100.
     pub max_size: u32,
     /// A vocabulary tree of COLMAP, by which neighbours are complemented by photographs that show the
-    /// same place. COLMAP 3.12 and later fetch one themselves.
+    /// same place. Without one, that which COLMAP 3.12 and later fetch is used.
     pub vocabulary: Option<PathBuf>,
     /// Number of threads; `None` is one for each core.
     pub threads: Option<u32>,

@@ -18,6 +18,7 @@ mod paper;
 mod ply;
 mod poses;
 mod poses_found;
+mod poses_neighbours;
 mod poses_refined;
 mod poses_video;
 mod price;

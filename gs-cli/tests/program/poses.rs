@@ -17,21 +17,28 @@ use crate::{
     train::text,
 };
 
-/// Takes the place of COLMAP. A file with the name of a command, next to it, is done before the command.
+/// Takes the place of COLMAP. Next to it, a file with the name of a command is done before the command, files that end in
+/// `.help` are printed as help, and `model` and `second` are the models that it finds, `joined` what becomes of both.
 const COLMAP: &str = r#"#!/bin/sh
 here=${0%/*}
+[ "$1" = help ] && [ -f "$here/.help" ] && exec /bin/cat "$here/.help"
 [ "$1" = help ] && echo "COLMAP 3.8 -- Structure-from-Motion and Multi-View Stereo" && exit 0
+[ "$2" = -h ] && [ -f "$here/$1.help" ] && exec /bin/cat "$here/$1.help"
 [ "$2" = -h ] && exit 0
 command=$1
+all=$*
 echo "$command" >> "$here/calls"
 while [ $# -gt 1 ]; do
-    case "$1" in --output_path) out=$2 ;; --image_list_path) list=$2 ;; esac
+    case "$1" in --output_path) out=$2 ;; --image_list_path | --match_list_path) list=$2 ;; esac
     shift
 done
 [ -f "$here/$command.sh" ] && . "$here/$command.sh"
 case "$command" in
 feature_extractor) while read -r name; do echo "  Name: $name"; echo "  Features: 900"; done < "$list" ;;
-mapper) if [ -d "$here/model" ]; then /bin/cp -r "$here/model" "$out/0"; fi ;;
+mapper | global_mapper)
+    if [ -d "$here/model" ]; then /bin/cp -r "$here/model" "$out/0"; fi
+    if [ -d "$here/second" ]; then /bin/cp -r "$here/second" "$out/1"; fi ;;
+model_merger) /bin/cp "$here/joined/"* "$out" ;;
 esac
 "#;
 
@@ -45,7 +52,7 @@ pub(crate) struct Scene {
 impl Scene {
     fn new(color: impl Fn(usize, u32, u32) -> [f32; 3]) -> Self {
         let place = folder();
-        fs::create_dir_all(place.path().join("bin/model")).unwrap();
+        fs::create_dir_all(place.path().join("bin")).unwrap();
         fs::create_dir_all(place.path().join("photos/inner")).unwrap();
         for (index, name) in NAMES.iter().enumerate() {
             let image = Image::from_fn(64, 48, |x, y| color(index, x, y)).unwrap();
@@ -73,7 +80,7 @@ impl Scene {
     }
 
     /// Does this before a command of COLMAP.
-    fn before(&self, command: &str, script: &str) {
+    pub(crate) fn before(&self, command: &str, script: &str) {
         fs::write(self.path(&format!("bin/{command}.sh")), script).unwrap();
     }
 
@@ -94,9 +101,25 @@ impl Scene {
         Run::of(&mut self.command(arguments))
     }
 
-    /// Cameras side by side that look along z, and 200 points in front of them.
+    /// What COLMAP prints as help about a command, or without one about itself.
+    pub(crate) fn help(&self, command: &str, text: &str) {
+        fs::write(self.path(&format!("bin/{command}.help")), text).unwrap();
+    }
+
+    /// All that COLMAP was called with and said.
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(self.path("set/poses.log")).unwrap()
+    }
+
+    /// The model that COLMAP finds.
     pub(crate) fn write_model(&self, names: &[&str]) {
-        let folder = self.path("bin/model");
+        self.write_model_as("model", names);
+    }
+
+    /// Cameras side by side that look along z, and 200 points in front of them.
+    fn write_model_as(&self, kind: &str, names: &[&str]) {
+        let folder = self.path("bin").join(kind);
+        fs::create_dir_all(&folder).unwrap();
         let (images, points) = (names.len() as u64, 200_u64);
         let mut bytes = images.to_le_bytes().to_vec();
         for (id, name) in (1_u32..).zip(names) {
@@ -403,12 +426,14 @@ def FeatureExtractionOptions():
     return Options(use_gpu=True, max_image_size=-1, sift=Options(max_num_features=8192, peak_threshold=0.0067))
 def FeatureMatchingOptions(): return Options(use_gpu=True, num_threads=-1)
 def ExhaustivePairingOptions(): return Options(block_size=50)
-def SequentialPairingOptions(): return Options(overlap=5)
+def SequentialPairingOptions(): return Options(overlap=5, loop_detection=False)
+def ImportedPairingOptions(): return Options(match_list_path="")
 def IncrementalPipelineOptions():
     return Options(ba_global_function_tolerance=0.0, mapper=Options(init_min_tri_angle=16.0))
 class CameraMode: SINGLE = "single"
 def say(name): return lambda **given: print(name, sorted(given.items()))
 extract_features, match_exhaustive, match_sequential = say("extract"), say("exhaustive"), say("sequential")
+match_image_pairs = say("pairs")
 incremental_mapping, global_mapping = say("incremental"), say("global")
 "#;
 
@@ -436,9 +461,14 @@ fn commands_become_calls_of_pycolmap() {
              ('reader_options', {'camera_model': 'OPENCV', 'camera_params': '4,4,2,2,0,0,0,0', 'mask_path': ''})]",
         ),
         (
-            "sequential_matcher --database_path d --SequentialMatching.overlap 10",
+            "sequential_matcher --database_path d --SequentialMatching.overlap 10 --SequentialMatching.loop_detection 1",
             "sequential [('database_path', 'd'), ('matching_options', {'use_gpu': True, 'num_threads': -1}), \
-             ('pairing_options', {'overlap': 10})]",
+             ('pairing_options', {'overlap': 10, 'loop_detection': True})]",
+        ),
+        (
+            "matches_importer --database_path d --match_list_path pairs --match_type pairs",
+            "pairs [('database_path', 'd'), ('matching_options', {'use_gpu': True, 'num_threads': -1}), \
+             ('pairing_options', {'match_list_path': 'pairs'})]",
         ),
         (
             "mapper --output_path o --Mapper.ba_global_function_tolerance 0.000001 --Mapper.init_min_tri_angle 4",

@@ -69,6 +69,8 @@ pub struct Exif {
     pub orientation: u8,
     /// Latitude and longitude, billionths of a degree, and altitude, mm.
     pub gps: Option<[i64; 3]>,
+    /// When it was taken, by the clock of the camera: a text that sorts by time.
+    pub taken: Option<String>,
 }
 
 impl Photographs {
@@ -271,6 +273,9 @@ impl Exif {
         };
         let parts =
             [Tag::Make, Tag::Model, Tag::LensModel].into_iter().filter_map(text).filter(|part| !part.is_empty());
+        // A camera whose clock was not set writes blanks or zeros.
+        let time = text(Tag::DateTimeOriginal).filter(|time| time.starts_with(['1', '2']));
+        let fraction = || text(Tag::SubSecTimeOriginal).unwrap_or_default();
         Self {
             camera: parts.collect::<Vec<_>>().join(" "),
             focal: focal.filter(|focal| *focal > 0.0 && *focal < 1e5).map(|focal| (focal * 100.0).round() as u32),
@@ -280,6 +285,7 @@ impl Exif {
                 .filter(|n| (1..=8).contains(n))
                 .unwrap_or(1),
             gps: position(&data),
+            taken: time.map(|time| format!("{time}.{}", fraction())),
         }
     }
 }
@@ -309,6 +315,32 @@ fn position(data: &exif::Exif) -> Option<[i64; 3]> {
 mod tests {
     use super::*;
 
+    /// What is read of a file with these fields.
+    fn exif_of(fields: impl IntoIterator<Item = (Tag, Value)>) -> Exif {
+        let fields = fields.into_iter().map(|(tag, value)| exif::Field { tag, ifd_num: In::PRIMARY, value });
+        let fields: Vec<_> = fields.collect();
+        let mut writer = exif::experimental::Writer::new();
+        fields.iter().for_each(|field| writer.push_field(field));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        writer.write(&mut File::create(file.path()).unwrap(), false).unwrap();
+        Exif::read(file.path())
+    }
+
+    #[test]
+    fn times_sort_as_texts() {
+        let taken = |time: &str, fraction: &str| {
+            let ascii = |text: &str| Value::Ascii(vec![text.into()]);
+            exif_of([(Tag::DateTimeOriginal, ascii(time)), (Tag::SubSecTimeOriginal, ascii(fraction))]).taken
+        };
+        let times = [("2025:12:31 23:59:59", "9"), ("2026:01:02 03:04:05", "09"), ("2026:01:02 03:04:05", "1")];
+        let times = times.map(|(time, fraction)| taken(time, fraction).unwrap());
+        assert!(times.is_sorted() && times[1] == "2026:01:02 03:04:05.09", "{times:?}");
+        for unknown in ["    :  :     :  :  ", "0000:00:00 00:00:00", ""] {
+            assert_eq!(taken(unknown, "1"), None, "{unknown}");
+        }
+        assert_eq!(exif_of([(Tag::Orientation, Value::Short(vec![1]))]).taken, None);
+    }
+
     #[test]
     fn positions_are_read_with_their_signs() {
         let rational = |parts: &[(u32, u32)]| {
@@ -323,12 +355,7 @@ mod tests {
                 (Tag::GPSAltitude, rational(altitude)),
                 (Tag::GPSAltitudeRef, Value::Byte(vec![1])),
             ];
-            let fields = fields.map(|(tag, value)| exif::Field { tag, ifd_num: In::PRIMARY, value });
-            let mut writer = exif::experimental::Writer::new();
-            fields.iter().for_each(|field| writer.push_field(field));
-            let file = tempfile::NamedTempFile::new().unwrap();
-            writer.write(&mut File::create(file.path()).unwrap(), false).unwrap();
-            Exif::read(file.path()).gps
+            exif_of(fields).gps
         };
         let place = [(57, 1), (30, 1), (3600, 100)];
         assert_eq!(read(&place, b"S", &[(125, 10)]), Some([-57_510_000_000, -7_210_000_000, -12_500]));

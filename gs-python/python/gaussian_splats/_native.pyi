@@ -477,9 +477,10 @@ def poses(
     :param output: folder for the data set; made if necessary.
     :param lens: the kind of lens; by default by the EXIF data.
     :param pairs: which pairs are compared; by default all of up to 150 photographs, otherwise
-        neighbours by name.
+        neighbours by time (EXIF) or name.
     :param max_size: longer side of the images in which features are found, px; by default 1600.
-    :param vocabulary: a vocabulary tree of COLMAP, to compare what looks alike besides neighbours.
+    :param vocabulary: a vocabulary tree of COLMAP, to compare what looks alike besides neighbours;
+        by default that which COLMAP 3.12 and later fetch.
     :param threads: by default one for each core.
     :param resume: continue what an interrupted call with the same arguments has done.
     :param overwrite: replace files of the names of results that gs did not write.
