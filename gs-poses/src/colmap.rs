@@ -34,6 +34,9 @@ const FAINT: f64 = 0.003;
 /// The option by which matches must be mutual.
 const CROSS_CHECK: &str = "SiftMatching.cross_check";
 
+/// The command that finds all cameras at once.
+const GLOBAL: &str = "global_mapper";
+
 /// The fewest photographs of a piece that is kept.
 const LEAST_PIECE: usize = 3;
 
@@ -47,7 +50,8 @@ pub struct Colmap {
     /// The help of its commands, for the names of options.
     extraction: String,
     matching: String,
-    has_global_mapper: bool,
+    /// That of the mapper that finds all cameras at once, if there is one.
+    global_mapper: Option<String>,
 }
 
 impl Colmap {
@@ -91,8 +95,8 @@ impl Colmap {
         let built_for_gpu = [&help, &extraction].iter().any(|text| text.contains("with CUDA"));
         let gpu =
             built_for_gpu && said(Command::new("nvidia-smi").arg("-L")).is_ok_and(|(_, list)| list.contains("GPU "));
-        let has_global_mapper = help.contains("global_mapper");
-        Ok(Self { program, version: numbers, gpu, extraction, matching, has_global_mapper })
+        let global_mapper = help.contains(GLOBAL).then(|| help_of(GLOBAL));
+        Ok(Self { program, version: numbers, gpu, extraction, matching, global_mapper })
     }
 
     /// The version: "3.8".
@@ -191,21 +195,20 @@ impl Colmap {
         plan.one_way && self.pace() == 1 && self.matching.contains(CROSS_CHECK)
     }
 
-    /// Whether all cameras are found at once.
-    pub(crate) fn maps_at_once(&self, plan: &Plan) -> bool {
-        self.has_global_mapper && plan.photographs() > ONE_BY_ONE
-    }
-
     /// The command that finds the poses, and puts each piece into a folder of `models`. A lenient one
     /// also takes what few matches suggest.
     pub(crate) fn map(&self, place: &Place<'_>, plan: &Plan, lenient: bool, settings: &Settings) -> Arguments {
-        let at_once = self.maps_at_once(plan) && !lenient;
-        let mut arguments = Arguments::new(if at_once { "global_mapper" } else { "mapper" });
+        let at_once = self.global_mapper.as_ref().filter(|_| plan.photographs() > ONE_BY_ONE && !lenient);
+        let mut arguments = Arguments::new(if at_once.is_some() { GLOBAL } else { "mapper" });
         arguments
             .path("database_path", place.database)
             .path("image_path", place.images)
             .path("output_path", place.models);
-        if at_once {
+        let threads = if at_once.is_some() { "GlobalMapper.num_threads" } else { "Mapper.num_threads" };
+        if let Some(number) = settings.threads.filter(|_| at_once.is_none_or(|help| help.contains(threads))) {
+            arguments.set(threads, number);
+        }
+        if at_once.is_some() {
             return arguments;
         }
         // By default, COLMAP throws pieces of fewer than ten photographs away.
@@ -215,9 +218,6 @@ impl Colmap {
         if lenient {
             arguments.set("Mapper.init_min_tri_angle", 4).set("Mapper.init_min_num_inliers", 50);
             arguments.set("Mapper.abs_pose_min_num_inliers", 15).set("Mapper.min_num_matches", 10);
-        }
-        if let Some(threads) = settings.threads {
-            arguments.set("Mapper.num_threads", threads);
         }
         arguments
     }
@@ -301,7 +301,7 @@ mod tests {
     fn colmap(version: [u32; 3], gpu: bool, matching: &str) -> Colmap {
         let matching = matching.to_owned();
         let program = Program::Colmap("colmap");
-        Colmap { program, version, gpu, extraction: String::new(), matching, has_global_mapper: false }
+        Colmap { program, version, gpu, extraction: String::new(), matching, global_mapper: None }
     }
 
     fn has(Arguments(words): &Arguments, name: &str, value: &str) -> bool {

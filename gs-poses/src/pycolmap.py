@@ -35,7 +35,11 @@ def commands():
             {"options": "Mapper"},
             {"Mapper": [incremental, incremental.mapper]},
         ),
-        "global_mapper": (pycolmap.global_mapping, {}, {}),
+        "global_mapper": (
+            pycolmap.global_mapping,
+            {"options": "GlobalMapper"},
+            {"GlobalMapper": [pycolmap.GlobalPipelineOptions()]},
+        ),
     }
 
 

@@ -428,6 +428,7 @@ def FeatureMatchingOptions(): return Options(use_gpu=True, num_threads=-1)
 def ExhaustivePairingOptions(): return Options(block_size=50)
 def SequentialPairingOptions(): return Options(overlap=5, loop_detection=False)
 def ImportedPairingOptions(): return Options(match_list_path="")
+def GlobalPipelineOptions(): return Options(num_threads=-1)
 def IncrementalPipelineOptions():
     return Options(ba_global_function_tolerance=0.0, mapper=Options(init_min_tri_angle=16.0))
 class CameraMode: SINGLE = "single"
@@ -469,6 +470,10 @@ fn commands_become_calls_of_pycolmap() {
             "matches_importer --database_path d --match_list_path pairs --match_type pairs",
             "pairs [('database_path', 'd'), ('matching_options', {'use_gpu': True, 'num_threads': -1}), \
              ('pairing_options', {'match_list_path': 'pairs'})]",
+        ),
+        (
+            "global_mapper --output_path o --GlobalMapper.num_threads 3",
+            "global [('options', {'num_threads': 3}), ('output_path', 'o')]",
         ),
         (
             "mapper --output_path o --Mapper.ba_global_function_tolerance 0.000001 --Mapper.init_min_tri_angle 4",

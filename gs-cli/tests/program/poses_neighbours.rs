@@ -75,6 +75,18 @@ fn thousands_of_photographs_are_compared_with_their_neighbours() {
 }
 
 #[test]
+fn the_global_mapper_takes_the_number_of_threads() {
+    let scene = many(251);
+    scene.help("", "COLMAP 4.1.1 -- Structure-from-Motion\n  global_mapper\n  mapper");
+    for (help, is_given) in [("  --GlobalMapper.num_threads arg (=-1)", true), ("", false)] {
+        scene.help("global_mapper", help);
+        scene.gs(&["poses", "many", "-o", "set", "--threads", "3"]).done();
+        assert_eq!(scene.calls(), ["feature_extractor", "sequential_matcher", "global_mapper"]);
+        assert_eq!(scene.log().contains("--GlobalMapper.num_threads 3\n"), is_given, "{}", scene.log());
+    }
+}
+
+#[test]
 fn neighbours_are_those_by_time() {
     let scene = taken_at(&[("a.png", 3), ("b.png", 1), ("c.png", 2)]);
     scene.before("matches_importer", "/bin/cp \"$list\" \"$here/pairs\"");
