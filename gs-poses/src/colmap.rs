@@ -105,7 +105,7 @@ impl Colmap {
     }
 
     /// Whether this version compares photographs several times more slowly than the next ones.
-    pub fn is_slow(&self) -> bool {
+    pub(crate) fn is_slow(&self) -> bool {
         (SLOW[0]..SLOW[1]).contains(&self.version)
     }
 

@@ -137,6 +137,10 @@ pub fn find_poses(
         let _ = fs::remove_dir(folder.path().join(WORK));
         return Ok(verdict);
     }
+    if colmap.is_slow() {
+        let version = colmap.version();
+        observer.note(&format!("COLMAP {version} compares photographs 4 to 6 times more slowly than 4.1.1 does"));
+    }
     let root = std::path::absolute(folder.path()).map_err(Error::at(folder.path()))?;
     let work = root.join(WORK);
     let plan = Plan::new(&photographs.files, settings, colmap.pace());

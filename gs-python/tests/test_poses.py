@@ -66,6 +66,12 @@ def test_poses_are_found_and_judged(photos: Path, tmp_path: Path) -> None:
     assert stages == []
 
 
+def test_a_slow_version_is_a_warning(photos: Path, tmp_path: Path) -> None:
+    (tmp_path / "bin" / "colmap").write_text(COLMAP.replace("3.8", "4.0.2"))
+    with pytest.warns(UserWarning, match=r"COLMAP 4\.0\.2 compares photographs .* more slowly"):
+        gs.poses(photos, tmp_path / "dataset")
+
+
 def test_an_exception_ends_the_work(photos: Path, tmp_path: Path) -> None:
     def refuse(stage: str, done: int, total: int) -> None:
         raise KeyError(stage)

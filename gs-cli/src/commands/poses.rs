@@ -143,12 +143,6 @@ fn find(
     output_folder::check(&claim)?;
     refuse_other_models(output)?;
     let folder: OutputFolder = claim.begin()?;
-    if colmap.is_slow() {
-        let version = colmap.version();
-        output::note(format_args!(
-            "note: COLMAP {version} compares photographs 4 to 6 times more slowly than 4.1.1 does"
-        ));
-    }
     let stages = Stages::new(Duration::ZERO);
     let interrupt = Interrupt::listen(stages.printer(), "stopping");
     let mut display = Display { stages, interrupt };

@@ -189,6 +189,17 @@ fn photographs_become_a_data_set_with_a_verdict() {
 }
 
 #[test]
+fn versions_that_are_slow_are_named() {
+    let scene = Scene::textured();
+    let slow = "note: COLMAP 4.0.2 compares photographs 4 to 6 times more slowly than 4.1.1 does";
+    for (version, is_slow) in [("4.0.2", true), ("4.1.1", false)] {
+        scene.help("", &format!("COLMAP {version} -- Structure-from-Motion"));
+        let run = scene.gs(&["poses", "photos", "-o", "set"]).done();
+        assert_eq!(run.stderr.contains(slow), is_slow, "{run:?}");
+    }
+}
+
+#[test]
 fn a_run_that_was_killed_is_resumed() {
     let scene = Scene::textured();
     scene.before("exhaustive_matcher", "echo 'E20260101 x.cc:1] not enough memory'; kill -9 $$");
