@@ -92,6 +92,7 @@ impl Verdict {
             photographs.files.iter().filter(|photograph| !registered.contains(&photograph.name)).collect();
         let others: Vec<BTreeSet<String>> = models[1..].iter().map(names).collect();
         let inspection = Inspection::of(photographs, &registered, &missing);
+        let is_logged = registered.iter().any(|name| features.contains_key(name));
         let why = |photograph: &Photograph| {
             let found = features.get(&photograph.name);
             if others.iter().any(|piece| piece.contains(&photograph.name)) {
@@ -102,6 +103,7 @@ impl Verdict {
             }
             match found {
                 Some(count) if *count < FEW_FEATURES => format!("it has only {}", counted(*count, "feature")),
+                None if is_logged => "COLMAP cannot read it".to_owned(),
                 _ => "it matches too few of the others".to_owned(),
             }
         };
@@ -224,5 +226,95 @@ impl std::fmt::Display for Verdict {
             )?;
         }
         self.advice.iter().try_for_each(|advice| write!(f, "\nadvice: {advice}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::Image;
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::{input::photographs::Exif, model};
+
+    /// Photographs of stripes that are so many pixels wide.
+    fn photographs(widths: &[f32]) -> (TempDir, Photographs) {
+        let folder = tempfile::tempdir().unwrap();
+        let photograph = |(number, width): (usize, &f32)| {
+            let (name, size) = (format!("{number}.png"), (200, 50));
+            let path = folder.path().join(&name);
+            let value = |x: u32| 0.5 + 0.4 * (x as f32 * std::f32::consts::PI / width).sin();
+            gs_io::write_png(&path, &Image::from_fn(size.0, size.1, |x, _| [value(x); 3]).unwrap()).unwrap();
+            Photograph { name, path, mask: None, size, exif: Exif::default() }
+        };
+        let files = widths.iter().enumerate().map(photograph).collect();
+        let found = Photographs { folder: folder.path().to_owned(), files, left_out: Vec::new(), heic: Vec::new() };
+        (folder, found)
+    }
+
+    /// A model of the photographs with these numbers, which see so many points.
+    fn model(numbers: std::ops::Range<usize>, points: usize) -> Model {
+        let folder = tempfile::tempdir().unwrap();
+        let names: Vec<String> = numbers.map(|number| format!("{number}.png")).collect();
+        let images: Vec<_> =
+            names.iter().map(|name| (name.as_str(), glam::DQuat::IDENTITY, glam::DVec3::ZERO)).collect();
+        for (name, bytes) in model::tests::files(&images, &vec![glam::DVec3::Z; points]) {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        Model::read(folder.path()).unwrap()
+    }
+
+    /// The verdict on photographs of sharp stripes, except for the last.
+    fn judged(last: f32, models: &[Model], features: &[(&str, u32)]) -> Verdict {
+        let (_folder, photographs) = photographs(&[3.0, 3.0, 3.0, 3.0, last]);
+        let features = features.iter().map(|(name, count)| ((*name).to_owned(), *count)).collect();
+        Verdict::new(&photographs, models, &features, "3.8".to_owned())
+    }
+
+    fn reasons(verdict: &Verdict) -> Vec<(&str, &str)> {
+        verdict.left_out.iter().map(|left_out| (left_out.name.as_str(), left_out.why.as_str())).collect()
+    }
+
+    #[test]
+    fn good_poses_need_no_advice() {
+        let verdict = judged(3.0, &[model(0..5, 200)], &[]);
+        assert_eq!((verdict.quality, verdict.registered, verdict.points), (Quality::Good, 5, 200));
+        assert_eq!((reasons(&verdict), verdict.advice.len()), (Vec::new(), 0));
+        assert_eq!(
+            verdict.to_string(),
+            "good: 5 of 5 photographs have poses, with 200 points that miss their features by 0.50 px on average; a \
+             photograph sees 200 of them"
+        );
+    }
+
+    #[test]
+    fn few_poses_are_poor() {
+        let verdict = judged(3.0, &[model(0..2, 100)], &[]);
+        assert_eq!(verdict.quality, Quality::Poor);
+        let why = "it matches too few of the others";
+        assert_eq!(reasons(&verdict), [("2.png", why), ("3.png", why), ("4.png", why)]);
+        assert!(verdict.advice[0].starts_with("neighbours should show the same place"), "{verdict}");
+        assert!(verdict.advice[1].starts_with("a photograph sees only 100 points"), "{verdict}");
+    }
+
+    #[test]
+    fn a_photograph_is_left_out_for_what_is_wrong_with_it() {
+        let verdict = judged(30.0, &[model(0..4, 200)], &[("4.png", 120)]);
+        assert_eq!((verdict.quality, reasons(&verdict)), (Quality::Usable, vec![("4.png", "it is blurred")]));
+        assert!(verdict.advice[0].starts_with("1 photograph is blurred: take them again"), "{verdict}");
+        let found = |features: &[(&str, u32)]| judged(3.0, &[model(0..4, 200)], features).left_out[0].why.clone();
+        assert_eq!(found(&[("4.png", 120)]), "it has only 120 features");
+        assert_eq!(found(&[("4.png", 900)]), "it matches too few of the others");
+        assert_eq!(found(&[("3.png", 900)]), "COLMAP cannot read it");
+    }
+
+    #[test]
+    fn other_pieces_are_counted() {
+        let verdict = judged(3.0, &[model(0..3, 200), model(2..5, 200)], &[]);
+        let why = "it belongs to another piece";
+        assert_eq!((verdict.quality, reasons(&verdict)), (Quality::Usable, vec![("3.png", why), ("4.png", why)]));
+        assert_eq!(verdict.pieces, [2]);
+        assert!(verdict.advice[0].contains("the largest was taken (others: 2 photographs)"), "{verdict}");
+        assert!(verdict.to_string().contains("\nleft out: 3.png, 4.png, because it belongs to another piece"));
     }
 }

@@ -189,6 +189,61 @@ fn photographs_become_a_data_set_with_a_verdict() {
 }
 
 #[test]
+fn pieces_that_share_photographs_are_joined() {
+    let scene = Scene::textured();
+    // Three of its four photographs are also in the first piece.
+    scene.write_model_as("second", &NAMES[1..]);
+    scene.write_model_as("joined", &NAMES);
+    let run = scene.gs(&["poses", "photos", "-o", "set"]).done();
+    assert!(run.stdout.starts_with("good: 5 of 5 photographs"), "{run:?}");
+    assert_eq!(scene.calls()[3..], ["mapper", "model_merger", "bundle_adjuster"]);
+    // Where that fails, the pieces stay.
+    scene.before("model_merger", "exit 1");
+    let verdict = scene.gs(&["poses", "photos", "-o", "set", "--json"]).json();
+    assert_eq!((&verdict["registered"], &verdict["pieces"][0]), (&4.into(), &1.into()));
+    assert_eq!(scene.calls()[3..], ["mapper", "model_merger"]);
+}
+
+#[test]
+fn of_two_places_the_larger_is_taken() {
+    let scene = Scene::textured();
+    scene.write_model(&NAMES[..3]);
+    scene.write_model_as("second", &NAMES[3..]);
+    let run = scene.gs(&["poses", "photos", "-o", "set"]).done();
+    assert!(run.stdout.starts_with("usable: 3 of 5 photographs"), "{run:?}");
+    for part in [
+        "left out: m.png, z.png, because it belongs to another piece",
+        "advice: the photographs fall into pieces that share no matches, of which the largest was taken (others: 2 photographs)",
+    ] {
+        assert!(run.stdout.contains(part), "{run:?}");
+    }
+    assert_eq!(scene.calls().len(), 4, "neither a second attempt nor a merger");
+}
+
+#[test]
+fn photographs_that_colmap_cannot_read_are_left_out() {
+    let scene = Scene::textured();
+    let unreadable = "z.png) echo '  ERROR: Failed to read image file format.' ;;";
+    let script = format!(
+        "while read -r name; do echo \"  Name: $name\"; case $name in {unreadable} *) echo '  Features: 900' ;; esac; \
+         done < \"$list\"; exit 0"
+    );
+    scene.before("feature_extractor", &script);
+    // A list of COLMAP, a name in each line, cannot hold these.
+    for name in [" blank.png", "#number.png"] {
+        fs::copy(scene.path("photos/m.png"), scene.path("photos").join(name)).unwrap();
+    }
+    let run = scene.gs(&["poses", "photos", "-o", "set"]).done();
+    for name in [" blank.png", "#number.png"] {
+        let expected = format!("note: left out: photos/{name}: its name is not one that COLMAP reads");
+        assert!(run.stderr.contains(&expected), "{run:?}");
+        assert!(!scene.path("set/images").join(name).exists());
+    }
+    assert!(run.stdout.contains("4 of 5 photographs"), "{run:?}");
+    assert!(run.stdout.contains("left out: z.png, because COLMAP cannot read it"), "{run:?}");
+}
+
+#[test]
 fn versions_that_are_slow_are_named() {
     let scene = Scene::textured();
     let slow = "note: COLMAP 4.0.2 compares photographs 4 to 6 times more slowly than 4.1.1 does";
@@ -322,6 +377,18 @@ fn a_training_finds_the_poses_of_photographs_once() {
     let line = scene.gs(&["train", "out/dataset/images", "-o", "other"]).refusal().to_owned();
     assert!(line.contains("it is part of the data set"), "{line}");
     assert!(gs(["info", text(&scene.path("photos"))]).refusal().contains("gs poses "));
+}
+
+#[test]
+fn a_training_refuses_poor_poses() {
+    let scene = Scene::textured();
+    scene.write_model(&NAMES[..2]);
+    let run = scene.gs(&["train", "photos", "-o", "out", "--backend", "cpu"]);
+    let expected =
+        "error: photos: too few poses were found to train a scene: gs train out/dataset does so nevertheless";
+    assert!(run.status == Some(1) && last_line(&run) == expected, "{run:?}");
+    assert!(run.stderr.contains("poor: 2 of 5 photographs have poses"), "{run:?}");
+    assert!(scene.path("out/dataset/sparse/0/cameras.bin").is_file());
 }
 
 #[test]
