@@ -8,7 +8,7 @@ use std::{
 use crate::{
     error::Error,
     plan::{Group, Plan},
-    program::{Program, said},
+    program::{Program, dotted, said},
     settings::Settings,
 };
 
@@ -270,11 +270,6 @@ impl Arguments {
 fn renamed(help: &str, [new, old]: [&str; 2], name: &str) -> String {
     let newer = format!("{new}.{name}");
     if help.contains(&format!("--{newer}")) { newer } else { format!("{old}.{name}") }
-}
-
-/// A version in words, without a patch of 0.
-pub(crate) fn dotted([major, minor, patch]: [u32; 3]) -> String {
-    if patch == 0 { format!("{major}.{minor}") } else { format!("{major}.{minor}.{patch}") }
 }
 
 /// The version in COLMAP's help: "COLMAP 3.8 -- Structure-from-Motion and Multi-View Stereo".

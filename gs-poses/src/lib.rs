@@ -6,6 +6,7 @@ mod gps;
 mod input;
 mod inspection;
 mod model;
+mod observer;
 mod plan;
 mod process;
 mod program;
@@ -13,6 +14,7 @@ mod run;
 mod settings;
 mod upright;
 mod verdict;
+mod work;
 
 pub use self::{
     colmap::Colmap,
@@ -21,7 +23,8 @@ pub use self::{
     input::photographs::{Exif, Photograph, Photographs},
     input::source::Source,
     input::video::{Video, is_video},
-    run::{FILES, Observer, Stage, find_poses, refuse_other_models},
+    observer::{Observer, Stage},
+    run::{FILES, find_poses, refuse_other_models},
     settings::{LensKind, Pairs, Settings},
     verdict::{LeftOut, Quality, Verdict},
 };

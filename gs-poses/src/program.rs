@@ -69,3 +69,8 @@ impl fmt::Display for Program {
         }
     }
 }
+
+/// A version in words, without a patch of 0.
+pub(crate) fn dotted([major, minor, patch]: [u32; 3]) -> String {
+    if patch == 0 { format!("{major}.{minor}") } else { format!("{major}.{minor}.{patch}") }
+}

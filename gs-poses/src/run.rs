@@ -17,20 +17,19 @@ use crate::{
     input::source::Source,
     inspection::why_none,
     model::{self, Model, models_in},
+    observer::{Observer, Stage},
     plan::{OVERLAP, Plan, pairs_by_time},
     process::{Log, features_in, finds_nothing, fraction},
     settings::Settings,
     upright::upright,
     verdict::Verdict,
+    work::{WORK, remove},
 };
 
 /// The files that finding poses writes into the folder of a data set, besides the photographs in `images`
 /// and their masks in `masks`.
 pub const FILES: [&str; 5] =
     ["poses.json", "poses.log", "sparse/0/points3D.bin", "sparse/0/images.bin", "sparse/0/cameras.bin"];
-
-/// The folder of unfinished work in that of the data set.
-pub(crate) const WORK: &str = ".gs-poses";
 
 /// What is done, in [`WORK`].
 const STATE: &str = "state.json";
@@ -47,53 +46,6 @@ const SHARED: usize = 3;
 
 /// Files that are put into the data set between two writes of its index, which lists all of them.
 const BLOCK: usize = 256;
-
-/// A stage of the work.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Stage {
-    /// Looking at the frames of a video.
-    Video,
-    /// Writing the frames of a video that become photographs.
-    Frames,
-    /// Converting HEIC photographs.
-    Converting,
-    /// Finding features in each photograph.
-    Features,
-    /// Comparing pairs of photographs.
-    Matching,
-    /// Finding poses and points from the matches.
-    Mapping,
-    /// Joining pieces of the scene that share photographs.
-    Joining,
-}
-
-impl Stage {
-    /// What is being done, in words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Video => "looking for sharp frames",
-            Self::Frames => "writing the frames",
-            Self::Converting => "converting HEIC photographs",
-            Self::Features => "finding features",
-            Self::Matching => "matching the photographs",
-            Self::Mapping => "finding the poses",
-            Self::Joining => "joining pieces",
-        }
-    }
-}
-
-/// Is told about the work, and can end it.
-pub trait Observer {
-    /// How far a stage is: `done` of `total` frames, photographs or blocks of pairs.
-    fn progress(&mut self, stage: Stage, done: usize, total: usize);
-
-    /// Something worth a line.
-    fn note(&mut self, line: &str);
-
-    /// Whether the work is to end. It is asked about ten times a second.
-    fn is_cancelled(&self) -> bool;
-}
 
 /// What is done, for a run that resumes it.
 #[derive(Debug, Serialize, Deserialize, PartialEq)]
@@ -231,14 +183,6 @@ fn place_file(folder: &OutputFolder, name: &str, path: &Path) -> Result<(), Erro
     }
     let mut source = fs::File::open(path).map_err(Error::at(path))?;
     Ok(gs_io::write_atomically(target, |mut file| std::io::copy(&mut source, &mut file).map(drop))?)
-}
-
-/// Removes a folder of unfinished work.
-pub(crate) fn remove(work: &Path) -> Result<(), Error> {
-    match fs::remove_dir_all(work) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(Error::at(work)(error)),
-        _ => Ok(()),
-    }
 }
 
 /// A run of COLMAP.

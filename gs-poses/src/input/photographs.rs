@@ -16,7 +16,8 @@ use gs_io::OutputFolder;
 use crate::{
     error::Error,
     input::heic::{Converter, Heic},
-    run::{Observer, Stage, WORK, remove},
+    observer::{Observer, Stage},
+    work::{WORK, remove},
 };
 
 /// Folders inside the named one that hold the photographs, if it has none itself.

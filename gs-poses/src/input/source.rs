@@ -9,7 +9,7 @@ use crate::{
     input::heic::Converter,
     input::photographs::Photographs,
     input::video::{RECORD, Video},
-    run::Observer,
+    observer::Observer,
 };
 
 /// The input: a folder of photographs, or a video.

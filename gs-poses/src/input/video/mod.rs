@@ -21,7 +21,8 @@ use self::{
 use crate::{
     error::Error,
     input::photographs::{Identity, Photographs, identity},
-    run::{Observer, Stage, WORK, remove},
+    observer::{Observer, Stage},
+    work::{WORK, remove},
 };
 
 /// Endings of the names of videos, in lower case.
