@@ -4,39 +4,18 @@
 //! from the sizes of arrays and are rather too high than too low: tests compare them with measured
 //! runs.
 
+mod parts;
+
 use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
 
+use self::parts::{BASE, COMPACT, ENCODED, EVALUATED, IMAGE, PLANE, pixels};
+pub(crate) use self::parts::{READ_AHEAD, TRANSPARENT, WEIGHT, encoding_at_once, evaluated_at_once, is_compact};
 use crate::{
     encode::{EncodeSettings, LEAST_FITTED_ROWS},
     fit::{FitSettings, Tune},
     train::TrainSettings,
 };
-
-/// A pixel of an image: three `f32`.
-const IMAGE: u64 = 12;
-
-/// A pixel of one channel.
-const PLANE: u64 = 4;
-
-/// A pixel of an image that is kept as its file stores it: three of 8 bits.
-const COMPACT: u64 = 3;
-
-/// Images that are read ahead.
-pub(crate) const READ_AHEAD: u64 = 8;
-
-/// A pixel of a view that is evaluated: the rendering and the image, and copies of both, rounded and
-/// with mapped colours.
-const EVALUATED: u64 = 72;
-
-/// Most bytes of the views that are evaluated at the same time, unless a single view needs more.
-const MOST_EVALUATED: u64 = 512 << 20;
-
-/// Pixels of all targets above which they are kept compact.
-const COMPACT_FROM: u64 = 25_000_000;
-
-/// Memory for code, threads and tables.
-const BASE: u64 = 60_000_000;
 
 /// A part of an image that is drawn in parts.
 const PART: u64 = 32 << 20;
@@ -61,15 +40,6 @@ const PARAMETER_3D: u64 = 16;
 /// What a 3D Gaussian's pass for depths takes: its projection, gradient, and usual entries.
 const DEPTH_GAUSSIAN: u64 = 450;
 
-/// A pixel that is encoded, besides the image: measured at 25 megapixels and 1 bit per pixel.
-const ENCODED: u64 = 110;
-
-/// A pixel of a transparent image besides the picture that is encoded: its colours and its alpha.
-pub(crate) const TRANSPARENT: u64 = IMAGE + PLANE;
-
-/// A pixel's weight.
-pub(crate) const WEIGHT: u64 = PLANE;
-
 /// Memory for reading an image of this size, the image included, bytes.
 pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)
@@ -85,12 +55,6 @@ pub fn encoding((width, height): (u32, u32), transparent: bool, settings: &Encod
     let least = pixels(width, height.min(LEAST_FITTED_ROWS));
     let band = encoding_at_once((width, height), most.saturating_sub(waiting)).max(least);
     (BASE + all * IMAGE + waiting + band * ENCODED).max(reading((width, height)))
-}
-
-/// Number of pixels of an image of this size that are encoded at once in `most` bytes.
-pub(crate) fn encoding_at_once((width, height): (u32, u32), most: u64) -> u64 {
-    let pixels = pixels(width, height);
-    pixels.min(most.saturating_sub(BASE + pixels * IMAGE) / ENCODED)
 }
 
 /// Memory that training on images of this many pixels takes in any case.
@@ -182,17 +146,6 @@ impl TrainSettings {
     }
 }
 
-/// Number of views of at most this many pixels that are evaluated at the same time, a thread for each.
-pub(crate) fn evaluated_at_once(pixels: u64) -> usize {
-    rayon::current_num_threads().min((MOST_EVALUATED / (EVALUATED * pixels).max(1)) as usize).max(1)
-}
-
-/// Whether so many pixels are kept as [`gs_core::TargetImage::compact`] targets: with what D-SSIM
-/// adds, other targets would take more than 1.2 GB. A step on the CPU takes about a tenth longer.
-pub(crate) fn is_compact(pixels: u64) -> bool {
-    pixels > COMPACT_FROM
-}
-
 /// Bytes per pixel that a loss adds to each target.
 fn of_target(loss: Loss) -> u64 {
     match loss {
@@ -211,11 +164,6 @@ fn of_step(render: &RenderSettings, loss: Loss, statistics: Statistics) -> u64 {
     let transmittance = if over { PLANE } else { 0 };
     let errors = if statistics == Statistics::PixelError { PLANE } else { 0 };
     2 * IMAGE + transmittance + errors
-}
-
-/// Number of pixels in strips of 16 columns.
-fn pixels(width: u32, height: u32) -> u64 {
-    u64::from(width.next_multiple_of(16)) * u64::from(height)
 }
 
 #[cfg(test)]

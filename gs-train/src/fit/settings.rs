@@ -7,9 +7,10 @@ use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
 use super::{flat::flat_color, init::Init, presets::Preset, tune::Tune};
-use crate::run::{Recovery, Rounds};
+use crate::run::{Recovery, Rounds, in_a_file};
 
 gs_core::impl_with!(FitSettings, ColorSolve);
+in_a_file!(FitSettings);
 /// Learning rate of opacity logits where a fit is switched to [`Blend::Over`].
 const OPACITY_RATE: f32 = 0.05;
 /// Learning rate in standard deviations where a fit is switched to

@@ -20,6 +20,7 @@ mod trainer;
 pub(crate) use self::{
     checkpoint::{Record, digest, fingerprint, table, to_table},
     quality::{infinite_where_null, psnr_float},
+    settings_file::in_a_file,
     task::{At, LoopSettings, StepContext, same_settings},
     trainer::{Average, random},
 };

@@ -89,18 +89,19 @@ pub trait SettingsFile: Sized {
 
 macro_rules! in_a_file {
     ($($Settings:ty),*) => {
-        $(impl SettingsFile for $Settings {
-            fn from_toml(text: &str, file: &Path) -> Result<Self, Error> {
-                parse_settings(text, file)
+        $(impl $crate::run::SettingsFile for $Settings {
+            fn from_toml(text: &str, file: &std::path::Path) -> Result<Self, $crate::error::Error> {
+                $crate::run::parse_settings(text, file)
             }
 
-            fn to_toml(&self) -> Result<String, Error> {
-                settings_to_toml(self)
+            fn to_toml(&self) -> Result<String, $crate::error::Error> {
+                $crate::run::settings_to_toml(self)
             }
         })*
     };
 }
-in_a_file!(crate::fit::FitSettings, crate::train::TrainSettings, gs_core::RenderSettings, gs_density::Actions);
+in_a_file!(gs_core::RenderSettings, gs_density::Actions);
+pub(crate) use in_a_file;
 
 /// The settings as the text of a TOML file, for [`parse_settings`]. Numbers have as many digits as
 /// `f32` needs.

@@ -9,10 +9,7 @@ use gs_io::dataset::PosedImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    poses::align::{self, Half},
-    task::where_masked,
-};
+use super::poses::align::{self, Half};
 use crate::views::{ColorMap, PosedView};
 use crate::{error::Error, memory::evaluated_at_once, run::infinite_where_null};
 
@@ -323,6 +320,16 @@ async fn draw_aligned<R: Rasterizer<Scene3d>>(
     Ok(scene.0.draw(scene.1, &camera, render).await?.0)
 }
 
+/// The target with rendered pixels where the mask leaves them out.
+pub(super) fn where_masked(mut target: Image, mask: &[bool], rendered: &Image) -> Image {
+    for ((pixel, &counts), &rendered) in target.pixels_mut().iter_mut().zip(mask).zip(rendered.pixels()) {
+        if !counts {
+            *pixel = rendered;
+        }
+    }
+    target
+}
+
 /// Number of these views to measure at the same time.
 pub(super) fn together<'a>(views: impl IntoIterator<Item = &'a PosedView>) -> usize {
     let pixels = |view: &PosedView| u64::from(view.camera.width) * u64::from(view.camera.height);
@@ -369,5 +376,13 @@ mod tests {
         let glass = PosedImage { image, alpha: Some(vec![0.0; 9]), mask: None };
         let pair = measure(&rendered, glass, [1.0; 3]).unwrap().unwrap();
         assert_eq!(pair.l1_and_psnr().unwrap(), (0.0, f64::INFINITY));
+    }
+
+    #[test]
+    fn masked_pixels_are_as_rendered() {
+        let target = Image::filled(2, 1, [1.0; 3]).unwrap();
+        let rendered = Image::filled(2, 1, [0.25; 3]).unwrap();
+        let masked = where_masked(target, &[true, false], &rendered);
+        assert_eq!(masked.pixels(), [[1.0; 3], [0.25; 3]]);
     }
 }

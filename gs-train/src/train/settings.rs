@@ -8,13 +8,14 @@ use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
 use super::{depth_loss::DepthLoss, exposure::Exposure, poses::RefinePoses};
-use crate::run::{Recovery, Rounds, RunSettings, same_settings};
+use crate::run::{Recovery, Rounds, RunSettings, in_a_file, same_settings};
 use crate::{
     start::{PointInit, is_zero},
     views::Resolution,
 };
 
 gs_core::impl_with!(TrainSettings);
+in_a_file!(TrainSettings);
 /// Background in training steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

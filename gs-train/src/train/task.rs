@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt, sync::OnceLock};
 
 use bytemuck::cast_slice_mut;
 use gs_core::{
-    Added, Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep,
+    Added, Camera, Culled, Effects, Gaussian3d, Optimizer, RenderSettings, Scene3d, TrainStep,
     effects::{Background, Statistics},
     metrics::mean,
 };
@@ -238,16 +238,6 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     }
 }
 
-/// The target with rendered pixels where the mask leaves them out.
-pub(super) fn where_masked(mut target: Image, mask: &[bool], rendered: &Image) -> Image {
-    for ((pixel, &counts), &rendered) in target.pixels_mut().iter_mut().zip(mask).zip(rendered.pixels()) {
-        if !counts {
-            *pixel = rendered;
-        }
-    }
-    target
-}
-
 /// Render settings of the step after `step` steps, with its background.
 fn background(settings: &TrainSettings, step: u32) -> RenderSettings {
     match settings.background {
@@ -425,13 +415,5 @@ mod tests {
         assert_eq!(colors[7], background(&settings, 7).background_color());
         let same = TrainSettings { background: StepBackground::Same, ..settings };
         assert_eq!(background(&same, 3), same.render);
-    }
-
-    #[test]
-    fn masked_pixels_are_as_rendered() {
-        let target = Image::filled(2, 1, [1.0; 3]).unwrap();
-        let rendered = Image::filled(2, 1, [0.25; 3]).unwrap();
-        let masked = where_masked(target, &[true, false], &rendered);
-        assert_eq!(masked.pixels(), [[1.0; 3], [0.25; 3]]);
     }
 }

@@ -12,6 +12,7 @@
 pub(super) mod align;
 mod descent;
 mod gauge;
+mod refine_poses;
 mod small;
 mod trial;
 
@@ -20,6 +21,7 @@ use std::collections::BTreeMap;
 use gs_core::{Camera, Optimizer, Scene3d, Wait, math::similarity::Similarity};
 use serde::{Deserialize, Serialize};
 
+pub use self::refine_poses::RefinePoses;
 use self::{
     descent::{Descent, by_pose},
     small::Small,
@@ -29,42 +31,6 @@ use super::settings::TrainSettings;
 use crate::error::Error;
 use crate::run::{table, to_table};
 use crate::views::{PosedView, Views};
-
-gs_core::choices! {
-    /// Whether the poses of the training views' cameras are refined along with the scene.
-    #[derive(Default)]
-    #[non_exhaustive]
-    pub enum RefinePoses {
-        /// The cameras stay as they are given.
-        #[default]
-        Off = "off": "Train with the cameras as they are",
-        /// The cameras move along with the scene.
-        On = "on": "Let the cameras move while the scene is trained",
-        /// Like [`Self::On`] if a short trial before the run shows that poses are wrong: views that it does not
-        /// train on match their images better after they are aligned. Otherwise like [`Self::Off`], with
-        /// the same bits.
-        Auto = "auto": "As on if a short trial shows that poses are wrong, otherwise as off",
-    }
-}
-
-impl RefinePoses {
-    pub(crate) fn is_off(&self) -> bool {
-        *self == Self::Off
-    }
-
-    /// Fewest steps of a run in which the cameras of this many training views move.
-    pub fn least_steps(views: usize) -> u32 {
-        Self::steps(LEAST_EPOCHS, views)
-    }
-
-    /// Steps in so many epochs of so many views.
-    fn steps(epochs: u32, views: usize) -> u32 {
-        u32::try_from(views).unwrap_or(u32::MAX).saturating_mul(epochs)
-    }
-}
-
-/// Fewest epochs of a run in which cameras move.
-const LEAST_EPOCHS: u32 = 15;
 
 /// How the cameras of a training move.
 #[derive(Debug, Clone, Copy)]
