@@ -13,7 +13,8 @@ use std::{
 use gs_core::{Scene as _, Scene3d};
 
 use super::{
-    ConversionLoss, File3d, Format3d, WANTED, WriteOptions3d, Written3d, checked, decode_3d, encode_3d, ply, splat,
+    ConversionLoss, File3d, Format3d, WriteOptions3d, Written3d, ply, splat,
+    whole::{WANTED, checked, decode_3d, encode_3d},
 };
 use crate::{
     atomic::{open, read_exactly, write_durably},

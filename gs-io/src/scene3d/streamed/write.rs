@@ -17,7 +17,7 @@ use crate::{
     error::Error,
     scene3d::{
         ConversionLoss, Encoded3d, Format3d, WriteOptions3d, Written3d, options::ToWrite, sog, values::UnitRotations,
-        writable,
+        whole::writable,
     },
 };
 

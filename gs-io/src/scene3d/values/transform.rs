@@ -130,7 +130,7 @@ fn orthonormal(columns: [DVec3; 3]) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene3d::raise_zero_scales;
+    use crate::scene3d::whole::raise_zero_scales;
     use gs_core::Gaussian3d;
 
     fn scene() -> Scene3d {
