@@ -9,7 +9,10 @@ use gs_train::{
     train::Views,
 };
 
-use super::{arguments::MergeArgs, open, views};
+use super::{
+    arguments::MergeArgs,
+    folder_and_views::{open, views},
+};
 use crate::{
     failure::Failure,
     files::{

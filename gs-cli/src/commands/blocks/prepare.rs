@@ -21,8 +21,8 @@ use gs_train::{
 };
 
 use super::{
-    IMAGE_MEMORY,
     arguments::{BlocksGrid, PrepareArgs},
+    folder_and_views::IMAGE_MEMORY,
 };
 use crate::{
     commands::train::{self, TrainArgs, TrainSettingsArgs},

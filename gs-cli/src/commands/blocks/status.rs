@@ -3,7 +3,7 @@
 use gs_core::counted;
 use gs_lab::blocks::BlockOutcome;
 
-use super::{arguments::FolderArgs, open};
+use super::{arguments::FolderArgs, folder_and_views::open};
 use crate::{failure::Failure, flags::cluster::print_slurm_states, terminal::output};
 
 /// Prints a line for each block.

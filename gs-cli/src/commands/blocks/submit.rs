@@ -3,7 +3,7 @@
 use gs_core::counted;
 use gs_io::Inputs;
 
-use super::{arguments::SubmitArgs, open};
+use super::{arguments::SubmitArgs, folder_and_views::open};
 use crate::{
     failure::Failure,
     flags::cluster::{SCRIPT, absolute},

@@ -6,7 +6,10 @@ use gs_lab::{
     study::Machine,
 };
 
-use super::{arguments::WorkArgs, open, views};
+use super::{
+    arguments::WorkArgs,
+    folder_and_views::{open, views},
+};
 use crate::{failure::Failure, flags::cluster::WorkLog, memory::Need, terminal::output};
 
 /// Trains blocks until none is left for this process.
