@@ -12,8 +12,7 @@ use pyo3::prelude::*;
 
 use crate::{
     backend,
-    convert::{arrays, errors, settings},
-    run,
+    convert::{arrays, dataset::read_dataset, errors, settings},
     scene::scene3d::Scene3d,
 };
 
@@ -59,7 +58,7 @@ pub(crate) fn evaluate<'py>(
     backend: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let of = scene.get();
-    let dataset = run::read_dataset(py, &dataset, reading, Some(of.frame()))?;
+    let dataset = read_dataset(py, &dataset, reading, Some(of.frame()))?;
     let render = settings::with("settings", of.render(dataset.kind.background()), settings)?;
     let chosen = backend::chosen(py, backend)?;
     let scene = of.scene.clone();

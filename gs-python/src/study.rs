@@ -25,8 +25,8 @@ use toml::Table;
 
 use crate::{
     backend::Opened,
-    convert::errors::{self, IntoPython},
-    density::policy::{PolicyArgument, PythonPolicy, Raised},
+    convert::errors::{self, IntoPython, Raised},
+    density::policy::{PolicyArgument, PythonPolicy},
 };
 
 #[doc = doc!("Study")]

@@ -4,12 +4,16 @@ use std::{
     any::Any,
     fmt::Display,
     panic::{AssertUnwindSafe, catch_unwind},
+    sync::{Arc, Mutex},
 };
 
 use pyo3::{
     exceptions::{PyOSError, PyRuntimeError, PyTypeError, PyValueError},
     prelude::*,
 };
+
+/// The exception that a policy has raised, for the thread that waits for the run.
+pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;
 
 /// An exception for an error of any of the crates: `OSError` for files, `ValueError` for settings
 /// and values, `RuntimeError` for everything else.

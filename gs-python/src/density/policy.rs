@@ -1,6 +1,6 @@
 //! Policies of density control that are written in Python.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::PoisonError;
 
 use gs_core::{EditPlan, Error, effects::Statistics};
 use gs_density::{Actions, DensityPolicy, Needs, Observation, Policy, Rng};
@@ -12,12 +12,9 @@ use super::{
     plan::{Plan, PythonScene},
 };
 use crate::convert::{
-    errors::{self, IntoPython},
+    errors::{self, IntoPython, Raised},
     settings,
 };
-
-/// The exception that a policy has raised, for the thread that waits for the run.
-pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;
 
 /// A policy in Python: an object with a method `plan(observation, rng)`.
 #[derive(Debug)]

@@ -19,7 +19,7 @@ use pyo3::{exceptions::PyOSError, prelude::*};
 pub(crate) use self::{
     fit::{Fit, FitRun},
     progress::Progress,
-    train::{TrainRun, Training, read_dataset},
+    train::{TrainRun, Training},
     worker::stop_runs,
 };
 use self::{

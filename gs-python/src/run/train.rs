@@ -1,17 +1,10 @@
 //! `TrainRun` and `Training`: a training of a 3D scene, and its result.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{path::PathBuf, sync::Arc};
 
 use gs_backend::block_on;
 use gs_core::Scene3d as CoreScene3d;
-use gs_io::{
-    WorldFrame,
-    dataset::{Dataset, Split},
-};
-use gs_lab::study::DatasetReading;
+use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     CustomPolicy, SettingsFile as _, TrainPreset, TrainSettings, Trainer3d,
     train::{Start as Initial, StartName, TrainSummary, Views},
@@ -28,6 +21,7 @@ use super::{
 use crate::{
     backend,
     convert::{
+        dataset::read_dataset,
         errors::{self, IntoPython},
         settings::{self, Given},
     },
@@ -138,17 +132,6 @@ impl TrainRun {
     fn __repr__(&self) -> String {
         format!("<TrainRun of {} steps>", self.steps)
     }
-}
-
-/// Reads a data set, in the frame of a scene if there is one; `reading` has the keys of the table `[dataset]` of study files.
-pub(crate) fn read_dataset(
-    py: Python<'_>,
-    path: &Path,
-    reading: Option<&Bound<'_, PyAny>>,
-    frame: Option<WorldFrame>,
-) -> PyResult<Dataset> {
-    let reading = settings::with("reading", DatasetReading::default(), reading)?;
-    errors::computed(py, || reading.read(frame, path))
 }
 
 /// What a training starts from: a scene, or what a name says.

@@ -15,10 +15,7 @@ use std::{
 use pyo3::{exceptions::PyRuntimeError, prelude::*};
 
 use super::progress::{History, Progress, Reporter};
-use crate::{
-    convert::errors::{self, IntoPython},
-    density::policy::Raised,
-};
+use crate::convert::errors::{self, IntoPython, Raised};
 
 /// Time between two looks for Ctrl-C.
 const SIGNALS: Duration = Duration::from_millis(50);

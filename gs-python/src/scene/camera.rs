@@ -1,10 +1,9 @@
 //! `Camera`: a posed pinhole camera.
 
 use glam::{Mat3, Vec2, Vec3};
-use gs_core::view::Bulk;
 use pyo3::{prelude::*, types::PyAny};
 
-use super::scene3d::Scene3d;
+use super::scene3d::{Scene3d, overview};
 use crate::convert::{
     arrays,
     errors::{self, IntoPython},
@@ -129,9 +128,4 @@ impl Camera {
 /// A point or a vector of an argument, world units.
 fn point(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec3> {
     arrays::small(argument, value, &[3]).map(|numbers| Vec3::from_slice(&numbers))
-}
-
-/// A camera slightly above a scene that has most of it in view.
-pub(crate) fn overview(scene: &gs_core::Scene3d, width: u32, height: u32) -> Option<gs_core::Camera> {
-    Bulk::of(scene)?.overview(width, height, Bulk::FIELD_OF_VIEW, Vec3::NEG_Y)
 }

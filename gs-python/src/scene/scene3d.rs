@@ -3,8 +3,9 @@
 use std::{path::PathBuf, sync::Arc};
 
 use bytemuck::cast_slice;
+use glam::Vec3;
 use gs_backend::block_on;
-use gs_core::{Rasterizer as _, RenderSettings, Scene as _, math::sh};
+use gs_core::{Rasterizer as _, RenderSettings, Scene as _, math::sh, view::Bulk};
 use gs_io::{AnyScene, Done, Edit, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
 use gs_train::{edit::ViewEditor, train::Views};
 use numpy::{PyArray1, PyArray2, PyArray3};
@@ -14,14 +15,14 @@ use pyo3::{
     types::{PyAny, PyBytes, PyDict},
 };
 
-use super::{camera, scene2d::Scene2d};
+use super::scene2d::Scene2d;
 use crate::{
     backend,
     convert::{
         arrays::{self, Side, Values},
+        dataset::read_dataset,
         errors::{self, IntoPython},
     },
-    run,
 };
 
 #[doc = doc!("Scene3d")]
@@ -65,7 +66,7 @@ impl Scene3d {
 
     /// The scene from a little above as PNG; `None` where nothing of it can be seen.
     pub(crate) fn png<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
-        let Some(camera) = camera::overview(&self.scene, 480, 360) else { return Ok(None) };
+        let Some(camera) = overview(&self.scene, 480, 360) else { return Ok(None) };
         let (scene, settings) = (self.scene.clone(), self.render([0.0; 3]));
         let image = backend::chosen(py, None)?.compute(py, |on| block_on(on.render(&*scene, &camera, &settings)))?;
         Ok(Some(PyBytes::new(py, &gs_io::png_bytes(&image))))
@@ -184,7 +185,7 @@ impl Scene3d {
         let (mut scene, mut trained_with) = ((*self.scene).clone(), self.trained_with);
         let frame = &mut trained_with.frame;
         if let Some(dataset) = dataset {
-            let dataset = run::read_dataset(py, &dataset, reading, Some(self.frame()))?;
+            let dataset = read_dataset(py, &dataset, reading, Some(self.frame()))?;
             let render = self.render(dataset.kind.background());
             backend::chosen(py, backend)?.compute_within(py, |on| {
                 let mut editor = ViewEditor::new(on, Views::of_dataset(&dataset).cached(), render);
@@ -221,4 +222,9 @@ pub(crate) fn load(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyAny>> {
             Scene3d { scene: Arc::new(scene), trained_with, settings }.into_py_any(py)
         }
     }
+}
+
+/// A camera slightly above a scene that has most of it in view.
+pub(super) fn overview(scene: &gs_core::Scene3d, width: u32, height: u32) -> Option<gs_core::Camera> {
+    Bulk::of(scene)?.overview(width, height, Bulk::FIELD_OF_VIEW, Vec3::NEG_Y)
 }
