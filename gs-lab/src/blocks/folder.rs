@@ -23,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     error::Error,
+    run::Job,
     study::{Machine, VERSION, digest},
 };
 
@@ -76,6 +77,11 @@ pub enum BlockOutcome {
         /// Why.
         error: String,
     },
+}
+
+/// A block by its number from 0.
+impl Job for usize {
+    type Outcome = BlockOutcome;
 }
 
 impl fmt::Display for BlockOutcome {

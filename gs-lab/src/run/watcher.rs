@@ -5,7 +5,7 @@ use std::fmt;
 use gs_jobs::Overseer;
 
 use super::record::RunOutcome;
-use crate::{blocks::BlockOutcome, study::Run};
+use crate::study::Run;
 
 /// What processes share: a run of a study, or a block by its number from 0.
 pub trait Job: Sync {
@@ -15,10 +15,6 @@ pub trait Job: Sync {
 
 impl Job for Run {
     type Outcome = RunOutcome;
-}
-
-impl Job for usize {
-    type Outcome = BlockOutcome;
 }
 
 /// Watches jobs; called from several threads. `()` ignores everything.
