@@ -1,11 +1,11 @@
 //! A data set that has been read.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use glam::Vec3;
 use serde::Serialize;
 
-use super::{Remark, Split, SplitOrigin, View, colmap::models_of, opensfm};
+use super::{Remark, Split, SplitOrigin, View};
 use crate::WorldFrame;
 
 /// The kind of a data set.
@@ -72,21 +72,6 @@ impl Dataset {
     /// The views of a split, sorted by name.
     pub fn views_of(&self, split: Split) -> impl Iterator<Item = &View> {
         self.views.iter().filter(move |view| view.split == split)
-    }
-
-    /// All files of the data set, which a program that reads it must not replace: images, masks,
-    /// depth maps, and everything else in its folder and in those of its poses and points, such as COLMAP's `sparse`.
-    pub fn files(&self) -> Vec<PathBuf> {
-        let depth = |view: &View| view.depth.as_ref().map(|depth| depth.path.clone());
-        let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];
-        let of_views = self.views.iter().flat_map(files).flatten();
-        let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
-        let (models, inner) = (models_of(root), root.join(opensfm::FOLDER));
-        let above = models.iter().filter_map(|model| model.parent());
-        let folders: Vec<&Path> =
-            [root, &inner].into_iter().chain(above).chain(models.iter().map(|model| &**model)).collect();
-        let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
-        of_views.chain(entries.map(|entry| entry.path()).filter(|path| path.is_file())).collect()
     }
 }
 

@@ -22,6 +22,7 @@
 mod camera;
 mod colmap;
 mod data_set;
+mod files;
 mod how_to_begin;
 mod images;
 mod kinds;
@@ -43,6 +44,7 @@ use self::camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Len
 pub(crate) use self::colmap::{CameraModel, ColmapCamera, ColmapModel};
 use self::how_to_begin::how_to_begin;
 use self::kinds::{LOOKED_FOR, others_in, reader_of, transforms_in};
+use self::remark::FILE;
 pub use self::{
     camera::SourceCamera,
     data_set::{Dataset, DatasetKind, Point},
@@ -52,9 +54,6 @@ pub use self::{
     split::{Split, SplitOrigin},
 };
 use crate::error::Error;
-
-/// The kind of file for messages about one that is something else.
-const FILE: &str = "a file of a data set";
 
 /// Whether a path can be a data set: a folder, or the file of one by its name, such as a JSON file
 /// that is not of a scene.

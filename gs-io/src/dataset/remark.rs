@@ -5,6 +5,9 @@ use thiserror::Error;
 
 use crate::image::ImageRemark;
 
+/// The kind of file for messages about one that is something else.
+pub(super) const FILE: &str = "a file of a data set";
+
 /// A remark on a data set. The order is that of reports.
 ///
 /// A remark is not a failure: `Error` is derived only for the texts (`Display`). The same is true
