@@ -3,56 +3,20 @@
 mod archive;
 mod build;
 mod debian;
+mod papers;
+mod systems;
 mod test;
 mod tools;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::{
-    system::{Options, VERSION, empty, target},
+    system::{Options, empty, target},
     web,
 };
+use papers::{NOTICES, Papers};
+use systems::SYSTEMS;
 use tools::Tools;
-
-/// A system that a release is for.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct System {
-    /// Its name in the names of files.
-    name: &'static str,
-    /// Rust's name for it.
-    triple: &'static str,
-    /// The oldest glibc that is enough, appended to the triple for the linker.
-    glibc: &'static str,
-    /// Python's name of it.
-    wheel: &'static str,
-    /// Debian's name of the architecture.
-    debian: Option<&'static str>,
-}
-
-impl System {
-    fn is_windows(&self) -> bool {
-        self.triple.contains("windows")
-    }
-}
-
-/// The systems.
-const SYSTEMS: [System; 3] = [
-    System {
-        name: "x86_64-linux",
-        triple: "x86_64-unknown-linux-gnu",
-        glibc: ".2.28",
-        wheel: "manylinux_2_28_x86_64",
-        debian: Some("amd64"),
-    },
-    System {
-        name: "aarch64-linux",
-        triple: "aarch64-unknown-linux-gnu",
-        glibc: ".2.28",
-        wheel: "manylinux_2_28_aarch64",
-        debian: Some("arm64"),
-    },
-    System { name: "x86_64-windows", triple: "x86_64-pc-windows-gnullvm", glibc: "", wheel: "win_amd64", debian: None },
-];
 
 /// Builds the release, and tests it on request.
 pub(crate) fn run(options: Options) -> Result<(), String> {
@@ -87,34 +51,4 @@ fn release(tools: &Tools, out: &Path) -> Result<(), String> {
     tools.script("sums.py", [out])?;
     eprintln!("built {}", out.display());
     Ok(())
-}
-
-/// The licences of what a file of the release is made of.
-const NOTICES: &str = "THIRD-PARTY-LICENSES.txt";
-
-/// What a release for a system is made of.
-#[derive(Debug)]
-struct Papers {
-    /// The licences of everything.
-    notices: PathBuf,
-    /// The SBOM of the program and the page.
-    program: PathBuf,
-    /// The SBOM of the Python module.
-    module: PathBuf,
-}
-
-impl Papers {
-    fn write(tools: &Tools, system: &System) -> Result<Self, String> {
-        let folder = target().join("dist-tools/papers").join(system.name);
-        empty(&folder)?;
-        let [notices, program, module] =
-            [NOTICES, "gs.cdx.json", "gaussian_splats.cdx.json"].map(|name| folder.join(name));
-        tools.script("notices.py", [Path::new(system.triple), &notices, &program, &module])?;
-        Ok(Self { notices, program, module })
-    }
-}
-
-/// Where the trees of the archives are put together.
-fn staging(system: &System) -> PathBuf {
-    target().join("dist-tools").join("trees").join(format!("gs-{VERSION}-{}", system.name))
 }

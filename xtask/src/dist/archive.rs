@@ -2,9 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{NOTICES, Papers, System, debian, staging, tools::Tools};
+use super::{
+    debian,
+    papers::{NOTICES, Papers},
+    systems::System,
+    tools::Tools,
+};
 use crate::{
-    system::{VERSION, copy, empty, workspace},
+    system::{VERSION, copy, empty, target, workspace},
     web::copy_folder,
 };
 
@@ -80,4 +85,9 @@ fn windows(contents: &Contents, tree: &Path) -> Result<(), String> {
     copy(&contents.program, &tree.join("gs.exe"))?;
     copy(&contents.manual.join("completions/_gs.ps1"), &tree.join("gs-completions.ps1"))?;
     copy_folder(&contents.page, &tree.join("page"))
+}
+
+/// Where the trees of the archives are put together.
+fn staging(system: &System) -> PathBuf {
+    target().join("dist-tools").join("trees").join(format!("gs-{VERSION}-{}", system.name))
 }

@@ -5,7 +5,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{NOTICES, Papers, SYSTEMS, System, tools::Tools};
+use super::{
+    papers::{NOTICES, Papers},
+    systems::{SYSTEMS, System},
+    tools::Tools,
+};
 use crate::{
     python,
     system::{VERSION, copy, empty, step, target},

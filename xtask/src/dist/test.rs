@@ -2,6 +2,7 @@
 
 mod arm;
 mod bare;
+mod bench;
 mod bits;
 mod mac;
 mod npm;
@@ -16,30 +17,9 @@ use std::{
     time::Instant,
 };
 
+use self::bench::{Bench, Outcome};
 use super::tools::Tools;
-use crate::system::{VERSION, empty, has_program, install_packages, output, target, workspace};
-
-/// What the parts of the test share.
-#[derive(Debug)]
-pub(crate) struct Bench<'a> {
-    tools: &'a Tools,
-    /// The folder of the release.
-    release: &'a Path,
-    /// A photograph.
-    image: PathBuf,
-    /// A data set of views with their poses.
-    dataset: PathBuf,
-    /// The test program of gs-conformance for Arm.
-    conformance: PathBuf,
-    /// Install what is needed.
-    install: bool,
-}
-
-/// How a part ended: what was seen, or why it did not run.
-enum Outcome {
-    Passed(String),
-    Skipped(String),
-}
+use crate::system::{empty, target, workspace};
 
 /// A part of the test.
 type Part = fn(&Bench<'_>) -> Result<Outcome, String>;
@@ -96,36 +76,4 @@ fn inputs(tools: &Tools) -> Result<(PathBuf, PathBuf), String> {
     empty(&folder)?;
     tools.script("test/scene.py", [&folder])?;
     Ok((folder.join("photo.png"), folder.join("dataset")))
-}
-
-impl Bench<'_> {
-    /// An empty folder for a part.
-    fn folder(&self, name: &str) -> Result<PathBuf, String> {
-        let folder = target().join("dist-test").join(name);
-        empty(&folder)?;
-        Ok(folder)
-    }
-
-    /// Unpacks the archive for a system, and returns the folder in it.
-    fn unpack(&self, system: &str, into: &Path) -> Result<PathBuf, String> {
-        let name = format!("gs-{VERSION}-{system}");
-        let ending = if system.contains("windows") { "zip" } else { "tar.gz" };
-        let archive = self.release.join(format!("{name}.{ending}"));
-        let module = if ending == "zip" { "zipfile" } else { "tarfile" };
-        output(self.tools.command("python").args(["-m", module, "-e"]).args([&archive, into]))?;
-        Ok(into.join(name))
-    }
-
-    /// Whether a program is there, after its packages of Debian were installed if that was asked for.
-    fn has(&self, program: &str, packages: &[&str]) -> Result<bool, String> {
-        if !has_program(program) && self.install {
-            install_packages(packages)?;
-        }
-        Ok(has_program(program))
-    }
-}
-
-/// An error if something that was expected does not hold.
-fn expect(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(what()) }
 }

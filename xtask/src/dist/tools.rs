@@ -8,6 +8,7 @@ use std::{
     process::Command,
 };
 
+use super::systems::SYSTEMS;
 use crate::{
     python,
     system::{self, cargo_program, output, step, target, workspace},
@@ -28,7 +29,7 @@ pub(crate) struct Tools {
 impl Tools {
     /// Makes the environment, and checks that the compiler has the targets.
     pub(crate) fn prepare(install: bool) -> Result<Self, String> {
-        for system in super::SYSTEMS {
+        for system in SYSTEMS {
             system::need_target(system.triple, install)?;
         }
         system::need_target(web::TARGET, install)?;

@@ -3,7 +3,7 @@
 use std::{path::PathBuf, process::Command};
 
 use super::{
-    Bench, Outcome, expect,
+    bench::{Bench, Outcome, expect},
     program::{ON_ARM, Program, equal},
 };
 use crate::{

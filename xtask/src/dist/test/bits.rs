@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Bench, Outcome, expect,
+    bench::{Bench, Outcome, expect},
     program::{Program, equal},
 };
 use crate::system::empty;

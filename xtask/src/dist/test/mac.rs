@@ -1,6 +1,6 @@
 //! The compiler's checks for macOS.
 
-use super::{Bench, Outcome};
+use super::bench::{Bench, Outcome};
 use crate::system::{need_target, step, target};
 
 const TRIPLE: &str = "aarch64-apple-darwin";

@@ -1,6 +1,9 @@
 //! The npm package in a browser.
 
-use super::{Bench, Outcome, program::Program};
+use super::{
+    bench::{Bench, Outcome},
+    program::Program,
+};
 use crate::web;
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {

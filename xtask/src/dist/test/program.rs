@@ -7,7 +7,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use super::{Bench, expect};
+use super::bench::{Bench, expect};
 use crate::system::{at, line, output, target};
 
 /// A program for some system.

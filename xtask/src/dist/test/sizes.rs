@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{Bench, Outcome, expect};
+use super::bench::{Bench, Outcome, expect};
 use crate::system::{at, entries};
 
 /// The endings of files, and the most bytes that one may have.

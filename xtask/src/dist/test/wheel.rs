@@ -2,8 +2,9 @@
 
 use std::process::Command;
 
-use super::{Bench, Outcome, expect};
+use super::bench::{Bench, Outcome, expect};
 use crate::{
+    dist::systems::SYSTEMS,
     python,
     system::{entries, output, step},
 };
@@ -22,7 +23,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("wheels")?;
     let mut wheels = entries(bench.release)?;
     wheels.retain(|path| path.extension().is_some_and(|ending| ending == "whl"));
-    expect(wheels.len() == super::super::SYSTEMS.len(), || format!("{} wheels", wheels.len()))?;
+    expect(wheels.len() == SYSTEMS.len(), || format!("{} wheels", wheels.len()))?;
     for wheel in &wheels {
         let listed = output(bench.tools.command("python").args(["-m", "zipfile", "-l"]).arg(wheel))?;
         let windows = wheel.to_string_lossy().contains("win_amd64");

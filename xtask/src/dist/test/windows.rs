@@ -2,7 +2,10 @@
 
 use std::{fs, path::Path};
 
-use super::{Bench, Outcome, expect, program::Program};
+use super::{
+    bench::{Bench, Outcome, expect},
+    program::Program,
+};
 use crate::system::{at, copy};
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
