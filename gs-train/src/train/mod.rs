@@ -4,10 +4,12 @@
 //! Its settings are [`TrainSettings`], with presets in [`TrainPreset`]; [`Start`] gives the first
 //! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
+mod beginning;
 mod depth_loss;
 mod evaluation;
 mod evidence;
 mod exposure;
+mod first_poses;
 mod poses;
 mod presets;
 mod settings;

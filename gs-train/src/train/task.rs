@@ -53,7 +53,7 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     /// Whether the images' targets take as little memory as possible.
     compact: bool,
     pub(super) exposures: Exposures,
-    pub(super) poses: Poses,
+    poses: Poses,
     depths: DepthMaps<R::Target>,
     /// Checksums of the views' images, those that are known.
     digests: Vec<OnceLock<u32>>,

@@ -1,40 +1,27 @@
 //! Starting, resuming and evaluating the training of a 3D scene.
 
-use gs_core::{Camera, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d, SplatsState};
-use gs_io::{Checkpoint, dataset::AlphaMeaning};
-use web_time::Instant;
+use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene3d, SplatsState};
+use gs_io::Checkpoint;
 
 use super::{
+    beginning::{Beginning, check_fixed, fingerprint},
     depth_loss::{DepthMapCounts, Guides},
     evaluation::{Evaluation, Look, Matching, TrainingViews, evaluate_splats},
-    exposure::{Exposure, ExposureReport, Exposures},
-    poses::{Poses, PosesReport, RefinePoses},
+    exposure::{ExposureReport, Exposures},
+    first_poses::first_poses,
+    poses::{Poses, PosesReport},
     settings::TrainSettings,
     task::{ViewsTask, check_images, shown},
 };
 use crate::{
     error::Error,
-    run::{Average, Record, Trainer, digest, random},
-};
-use crate::{
+    run::{Average, Record, Trainer},
     start::Start,
-    views::{Counting, PosedView, Views, extent_of},
+    views::{PosedView, Views},
 };
 
 /// The training of a 3D scene, in progress.
 pub type Trainer3d<'a, R> = Trainer<'a, R, Scene3d>;
-
-/// Checks that not all of so many Gaussians are fixed.
-fn check_fixed(settings: &TrainSettings, gaussians: usize) -> Result<(), gs_core::Error> {
-    match settings.fixed as usize {
-        0 => Ok(()),
-        fixed if fixed < gaussians => Ok(()),
-        fixed => {
-            let found = format!("{fixed} of {gaussians}");
-            Err(gs_core::Error::setting("number of fixed Gaussians", found, "less than that of all"))
-        }
-    }
-}
 
 impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Starts a training.
@@ -47,54 +34,12 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         rasterizer: &'a R,
         views: Views,
         start: Start,
-        mut settings: TrainSettings,
+        settings: TrainSettings,
     ) -> Result<Self, Error> {
-        let started = Instant::now();
-        settings.validate()?;
-        views.validate()?;
-        if settings.exposure == Exposure::Affine && views.train.len() < 2 {
-            let allowed = "off or auto with a single training view, whose exposure differs from no other";
-            return Err(gs_core::Error::setting("exposure", "affine", allowed).into());
-        }
-        if settings.refine_poses != RefinePoses::Off && views.train.iter().any(|view| view.source.is_face()) {
-            let allowed = "off with 360° images or wide fish-eyes, whose views share a camera";
-            return Err(gs_core::Error::setting("refine-poses", settings.refine_poses, allowed).into());
-        }
-        settings.remove_unseen &= !matches!(start, Start::Scene(_));
-        let cameras: Vec<Camera> = views.train_cameras().copied().collect();
-        if settings.fixed > 0 && !matches!(start, Start::Scene(_)) {
-            return Err(
-                gs_core::Error::setting("number of fixed Gaussians", settings.fixed, "0 without a scene").into()
-            );
-        }
-        let mut views = views.cached();
-        let mut start = start.searched(&views.train)?;
-        let points = start.points(&settings.init);
-        settings = settings.for_points(points);
-        if settings.init.far_points.unwrap_or_else(|| views.train.iter().any(|view| view.source.is_face())) {
-            start = start.with_shell(&views.train)?;
-        }
-        let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
-        let mut scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
-        let mut gaussians = scene.means.iter().zip(&scene.log_scales);
-        if !gaussians.any(|(mean, scales)| cameras.iter().any(|camera| sees(camera, *mean, scales.max_element()))) {
-            return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
-        }
-        check_fixed(&settings, scene.len())?;
-        let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
-        settings.validate()?;
-        let images = fingerprint(&views);
-        let poses = Poses::at_start(rasterizer, &mut views, (&mut scene, extent), &settings).await?;
-        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let guides = match settings.depth_loss.is_off() {
-            true => Guides::default(),
-            false => Guides::of(&views.train, &scene.means)?,
-        };
-        let record = Record::beginning(settings, images);
-        let task = ViewsTask::new(views, &[], extent, (Exposures::default(), poses), guides);
-        let mut trainer = Self::assemble(rasterizer, record, splats, task);
-        trainer.record.seconds = started.elapsed().as_secs_f64();
-        Ok(trainer)
+        let mut beginning = Beginning::new(views, start, settings)?;
+        let Beginning { views, scene, extent, settings, .. } = &mut beginning;
+        let poses = first_poses(rasterizer, views, (scene, *extent), settings).await?;
+        beginning.trainer(rasterizer, poses)
     }
 
     /// Changes the number of steps of this run to `iterations`, or one more than are done if it is less.
@@ -222,39 +167,4 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     pub(crate) async fn training_views(&self) -> Result<TrainingViews, Error> {
         self.task.training_views(self.at()).await
     }
-}
-
-/// Smallest size of a Gaussian in a view that sees it, px: those of a scene in the coordinates of
-/// another data set may be thousands of kilometres away.
-const SMALLEST_PX: f32 = 1e-4;
-
-fn sees(camera: &Camera, mean: glam::Vec3, log_scale: f32) -> bool {
-    let size = glam::Vec2::new(camera.width as f32, camera.height as f32);
-    camera.project(mean).is_some_and(|(at, depth)| {
-        let is_inside = at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all();
-        is_inside && camera.focal.max_element() * log_scale.exp() >= SMALLEST_PX * depth
-    })
-}
-
-/// Identifies the views by names, cameras, roles and which pixels count. Their images have
-/// [checksums](Views::digests) of their own, so that an error can name those that differ.
-fn fingerprint(views: &Views) -> String {
-    let mut bytes = Vec::new();
-    for (role, views) in [(0, &views.train), (1, &views.test)] {
-        for PosedView { name, camera, source } in views {
-            bytes.push(role);
-            let Counting { alpha, masked } = source.counting();
-            match (alpha, masked) {
-                (AlphaMeaning::Opacity, false) => {}
-                (AlphaMeaning::Opacity, true) => bytes.push(1),
-                (AlphaMeaning::Mask, masked) => bytes.push(2 + u8::from(masked)),
-            }
-            bytes.extend(name.as_bytes());
-            let numbers = camera.rotation.to_cols_array().into_iter().chain(camera.translation.to_array());
-            let intrinsics = camera.focal.to_array().into_iter().chain(camera.center.to_array()).chain([camera.near]);
-            bytes.extend(numbers.chain(intrinsics).flat_map(f32::to_le_bytes));
-            bytes.extend([camera.width, camera.height].into_iter().flat_map(u32::to_le_bytes));
-        }
-    }
-    format!("{} views and {} held out, {:016x}", views.train.len(), views.test.len(), digest(bytes))
 }

@@ -55,7 +55,7 @@ struct Sight {
 }
 
 /// The divisor of a camera's sides that leaves about this many pixels, a power of two.
-pub(super) fn divisor(camera: &Camera, pixels: u64) -> u32 {
+pub(in crate::train) fn divisor(camera: &Camera, pixels: u64) -> u32 {
     let all = u64::from(camera.width) * u64::from(camera.height);
     possible(camera, (all / pixels).isqrt().max(1).next_power_of_two() as u32)
 }
@@ -179,7 +179,7 @@ pub(crate) async fn to_left_half<R: Rasterizer<Scene3d>>(
 ///
 /// # Errors
 /// Those of the backend, and of reading the image.
-pub(super) async fn nudged<R: Rasterizer<Scene3d>>(
+pub(in crate::train) async fn nudged<R: Rasterizer<Scene3d>>(
     scene: (&R, &R::Splats),
     view: &PosedView,
     render: &RenderSettings,

@@ -1,10 +1,8 @@
 //! Refinement of camera poses: the cameras of the training views move while the scene is trained.
 //!
-//! They first move in a short training before the run, with few Gaussians and on images that are so small
-//! that a wrong pose is an error of a pixel or less ([`small`]). A scene of many Gaussians fits the wrong poses
-//! of few views, and then no gradient corrects them, so the scene of this training is not used further. In the
-//! run, cameras move by little. In both, each step also gives the gradient of its loss by the camera, and after
-//! each epoch, every camera moves against its gradient ([`descent`]). The common motion of the cameras, which no
+//! They first move in a short training before the run ([`first_poses`](super::first_poses)). In the run, they move
+//! by little. In both, each step also gives the gradient of its loss by the camera, and after each epoch, every
+//! camera moves against its gradient ([`descent`]). The common motion of the cameras, which no
 //! image shows, is taken out ([`gauge`]).
 //!
 //! *Source:* gradients by the pose as in gsplat, from coarse to fine as in BARF (Lin et al. 2021).
@@ -13,28 +11,21 @@ pub(super) mod align;
 mod descent;
 mod gauge;
 mod refine_poses;
-mod small;
-mod trial;
 
 use std::collections::BTreeMap;
 
 use gs_core::{Camera, Optimizer, Scene3d, Wait, math::similarity::Similarity};
 use serde::{Deserialize, Serialize};
 
+use self::descent::{Descent, by_pose};
 pub use self::refine_poses::RefinePoses;
-use self::{
-    descent::{Descent, by_pose},
-    small::Small,
-    trial::Trial,
-};
-use super::settings::TrainSettings;
 use crate::error::Error;
 use crate::run::{table, to_table};
-use crate::views::{PosedView, Views};
+use crate::views::PosedView;
 
 /// How the cameras of a training move.
 #[derive(Debug, Clone, Copy)]
-struct Motion {
+pub(super) struct Motion {
     /// Share of the training until which they move.
     until: f64,
     /// The way that a camera would go if all its steps had the same direction, as a share of the longer side of
@@ -46,9 +37,9 @@ struct Motion {
 
 impl Motion {
     /// On small images, before the run. The first Gaussians hold the cameras in place together.
-    const BEFORE_RUN: Self = Self { until: 1.0, way: 0.05, keeps_mean: false };
+    pub(super) const BEFORE_RUN: Self = Self { until: 1.0, way: 0.05, keeps_mean: false };
 
-    const IN_RUN: Self = Self { until: 0.7, way: 0.015, keeps_mean: true };
+    pub(super) const IN_RUN: Self = Self { until: 0.7, way: 0.015, keeps_mean: true };
 }
 
 /// Share of a training after which its cameras begin to move, when its scene shows something.
@@ -137,50 +128,8 @@ impl Default for Poses {
 }
 
 impl Poses {
-    /// The poses of a run that begins with this scene. With [`RefinePoses::Auto`], a trial decides about them. Where
-    /// they are refined, the cameras of the training views have moved on small images afterwards, and the scene
-    /// with them, as far as they moved together.
-    ///
-    /// # Errors
-    /// Those of the backend, of training, and of reading an image.
-    pub(super) async fn at_start<R: Optimizer<Scene3d>>(
-        on: &R,
-        views: &mut Views,
-        (scene, extent): (&mut Scene3d, f32),
-        settings: &TrainSettings,
-    ) -> Result<Self, Error> {
-        let refine = settings.refine_poses;
-        if refine.is_off() {
-            return Ok(Self::default());
-        }
-        let mut poses = Self::moving(&views.train, scene, Motion::IN_RUN);
-        if !poses.is_moving(settings.iterations) {
-            return Ok(poses);
-        }
-        let small = Small::of(&views.train, scene)?;
-        if refine == RefinePoses::Auto {
-            let trial = Trial::run(on, views, &small, settings).await?;
-            poses.state.trial_db = Some(trial.gain() as f32);
-            if !trial.shows_wrong_poses() {
-                let report = PosesReport { used: false, ..poses.report_on(&trial.aligned, extent) };
-                poses.state = State { report: Some(report), ..State::default() };
-                return Ok(poses);
-            }
-        }
-        let mut cameras = small.moved(on, views.train_cameras(), settings).await?;
-        if let Some(common) = poses.keep(&mut cameras, extent) {
-            // Turns and scales lose nothing.
-            let _lost = gs_io::transform_scene(scene, &common.to_affine());
-        }
-        poses.put(&mut views.train, cameras, extent);
-        for (view, of_view) in views.train.iter().zip(&mut poses.state.of_views) {
-            of_view.descent = Descent::of(&view.camera, &scene.means);
-        }
-        Ok(poses)
-    }
-
     /// Those of views whose cameras move like this, with a scene.
-    fn moving(views: &[PosedView], scene: &Scene3d, motion: Motion) -> Self {
+    pub(super) fn moving(views: &[PosedView], scene: &Scene3d, motion: Motion) -> Self {
         let of_view = |PosedView { camera, .. }: &PosedView| OfView {
             pose: pose_of(camera),
             descent: Descent::of(camera, &scene.means),
@@ -191,6 +140,36 @@ impl Poses {
 
     fn with(views: &[PosedView], state: State) -> Self {
         Self { given: views.iter().map(|view| view.camera).collect(), state, ..Self::default() }
+    }
+
+    /// Notes what the trial of [`RefinePoses::Auto`] found: [`PosesReport::trial_db`].
+    pub(super) fn tried(&mut self, gain_db: f32) {
+        self.state.trial_db = Some(gain_db);
+    }
+
+    /// The poses of a run that does not refine them, because a trial has aligned these cameras, which have these
+    /// numbers, and views did not match better.
+    pub(super) fn rejected(self, aligned: &[(usize, Camera)], extent: f32) -> Self {
+        let report = PosesReport { used: false, ..self.report_on(aligned, extent) };
+        Self { state: State { report: Some(report), ..State::default() }, ..self }
+    }
+
+    /// Puts the cameras of the training views where a training before the run has moved them, and the scene, as far
+    /// as they moved together.
+    pub(super) fn begin_at(
+        &mut self,
+        mut cameras: Vec<Camera>,
+        views: &mut [PosedView],
+        (scene, extent): (&mut Scene3d, f32),
+    ) {
+        if let Some(common) = self.keep(&mut cameras, extent) {
+            // Turns and scales lose nothing.
+            let _lost = gs_io::transform_scene(scene, &common.to_affine());
+        }
+        self.put(views, cameras, extent);
+        for (view, of_view) in views.iter().zip(&mut self.state.of_views) {
+            of_view.descent = Descent::of(&view.camera, &scene.means);
+        }
     }
 
     /// The poses of a checkpoint with this metadata, which the training views receive.
@@ -233,7 +212,7 @@ impl Poses {
     }
 
     /// Whether the cameras of a run of `iterations` steps move.
-    fn is_moving(&self, iterations: u32) -> bool {
+    pub(super) fn is_moving(&self, iterations: u32) -> bool {
         !self.state.of_views.is_empty() && iterations >= RefinePoses::least_steps(self.given.len())
     }
 

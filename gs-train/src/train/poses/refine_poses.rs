@@ -28,7 +28,7 @@ impl RefinePoses {
     }
 
     /// Steps in so many epochs of so many views.
-    pub(super) fn steps(epochs: u32, views: usize) -> u32 {
+    pub(crate) fn steps(epochs: u32, views: usize) -> u32 {
         u32::try_from(views).unwrap_or(u32::MAX).saturating_mul(epochs)
     }
 }

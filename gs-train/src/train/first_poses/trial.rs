@@ -1,4 +1,4 @@
-//! The trial by which [`RefinePoses::Auto`](super::RefinePoses::Auto) decides before the first step of a run.
+//! The trial by which [`RefinePoses::Auto`] decides before the first step of a run.
 //!
 //! Scenes are trained on small images, with the cameras as they are given and without a part of the views.
 //! Each view left out is then aligned to one half of its image, which says nothing about the other half. Where
@@ -7,15 +7,19 @@
 
 use gs_core::{Camera, Optimizer, Scene3d};
 
-use super::{
-    RefinePoses,
-    align::{self, Half},
-    small::{Small, share_of},
-};
+use super::small::{Small, share_of};
 use crate::{
     error::Error,
     start::Start,
-    train::{evaluation::of_half, settings::TrainSettings, trainer::Trainer3d},
+    train::{
+        beginning::Beginning,
+        evaluation::of_half,
+        poses::{
+            Poses, RefinePoses,
+            align::{self, Half},
+        },
+        settings::TrainSettings,
+    },
     views::Views,
 };
 
@@ -65,9 +69,8 @@ impl Trial {
             let (test, train): (Vec<_>, Vec<_>) = (0..small.views.len()).partition(|index| index % parts == part);
             let of = |indices: &[usize]| indices.iter().map(|&index| small.views[index].clone()).collect::<Vec<_>>();
             let (views_of_part, settings) = (Views::new(of(&train), of(&test)), small.settings(settings, steps));
-            // In a box, because the trainer of the run begins with the same code.
-            let begun = Box::pin(Trainer3d::from_views(on, views_of_part, Start::Scene(small.scene.clone()), settings));
-            let mut trainer = begun.await?;
+            let begun = Beginning::new(views_of_part, Start::Scene(small.scene.clone()), settings)?;
+            let mut trainer = begun.trainer(on, Poses::default())?;
             trainer.run(&mut ()).await?;
             let render = trainer.shown();
             for (index, view) in test.into_iter().zip(&trainer.views().test) {

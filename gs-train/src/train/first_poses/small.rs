@@ -6,11 +6,15 @@ use gs_core::{Camera, Optimizer, Scene as _, Scene3d};
 use gs_density::Policy;
 use rayon::prelude::*;
 
-use super::{Motion, Poses, RefinePoses, align};
 use crate::{
     error::Error,
     start::Start,
-    train::{presets::TrainPreset, settings::TrainSettings, trainer::Trainer3d},
+    train::{
+        beginning::Beginning,
+        poses::{Motion, Poses, RefinePoses, align},
+        presets::TrainPreset,
+        settings::TrainSettings,
+    },
     views::{PosedView, Resolution, Views, reduced, reduced_camera},
 };
 
@@ -76,9 +80,7 @@ impl Small {
         let settings = self.settings(of_run, steps).with(|s| s.resolution = Resolution::from_coarse(2));
         let poses = Poses::moving(&self.views, &self.scene, Motion::BEFORE_RUN);
         let views = Views::new(self.views, Vec::new());
-        // In a box, because the trainer of the run begins with the same code.
-        let mut trainer = Box::pin(Trainer3d::from_views(on, views, Start::Scene(self.scene), settings)).await?;
-        trainer.task.poses = poses;
+        let mut trainer = Beginning::new(views, Start::Scene(self.scene), settings)?.trainer(on, poses)?;
         trainer.run(&mut ()).await?;
         Ok(trainer.views().train_cameras().copied().collect())
     }
