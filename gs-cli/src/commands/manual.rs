@@ -8,7 +8,7 @@ use std::{
 use clap::Args;
 use clap_complete::Shell;
 
-use crate::{command_line, failure::Failure};
+use crate::failure::Failure;
 
 /// The flags of `gs manual`.
 #[derive(Debug, Clone, Args)]
@@ -20,15 +20,15 @@ pub(crate) struct ManualArgs {
     name: String,
 }
 
-/// Writes the folder.
-pub(crate) fn run(args: &ManualArgs) -> Result<(), Failure> {
-    write(&args.folder, &args.name).map_err(|error| Failure::failed(error).at(args.folder.display()))
+/// Writes the folder for a command line.
+pub(crate) fn run(args: &ManualArgs, command_line: fn() -> clap::Command) -> Result<(), Failure> {
+    write(&args.folder, &args.name, command_line).map_err(|error| Failure::failed(error).at(args.folder.display()))
 }
 
-fn write(folder: &Path, name: &str) -> io::Result<()> {
+fn write(folder: &Path, name: &str, command_line: fn() -> clap::Command) -> io::Result<()> {
     // What it is called lives as long as the program.
     let name: &'static str = name.to_owned().leak();
-    let command = || command_line::unwrapped().name(name).bin_name(name);
+    let command = || command_line().name(name).bin_name(name);
     let [man, completions] = ["man", "completions"].map(|name| folder.join(name));
     fs::create_dir_all(&man)?;
     clap_mangen::generate_to(command(), &man)?;
@@ -42,11 +42,12 @@ fn write(folder: &Path, name: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command_line::unwrapped;
 
     #[test]
     fn each_command_has_a_page_and_completions() {
         let place = tempfile::tempdir().unwrap();
-        write(place.path(), "gs").unwrap();
+        write(place.path(), "gs", unwrapped).unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         assert!(text("man/gs-fit.1").contains("\\-\\-gaussians"), "{}", text("man/gs-fit.1"));
         for shell in ["gs.bash", "_gs", "gs.fish", "_gs.ps1"] {
@@ -59,7 +60,7 @@ mod tests {
     #[test]
     fn another_name_is_that_of_pages_and_completions() {
         let place = tempfile::tempdir().unwrap();
-        write(place.path(), "splats").unwrap();
+        write(place.path(), "splats", unwrapped).unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         for file in ["man/splats.1", "man/splats-fit.1"] {
             assert!(text(file).contains("splats") && !text(file).contains("gs\\-"), "{}", text(file));
