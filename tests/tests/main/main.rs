@@ -8,6 +8,7 @@ mod cpu_3d;
 mod fuzzed;
 mod gpus;
 mod guards;
+mod layout;
 mod oracle;
 mod oracle_3d;
 mod public_scenes;
