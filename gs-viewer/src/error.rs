@@ -20,6 +20,12 @@ pub enum Error {
     /// The backend failed, or does not offer what the scene needs.
     #[error(transparent)]
     Backend(#[from] gs_core::Error),
+    /// A level of detail could not be read.
+    #[error("{message}")]
+    Levels {
+        /// Why.
+        message: String,
+    },
     /// A 3D scene without a Gaussian that can be seen.
     #[error("the scene has no Gaussian that could be seen")]
     NothingVisible,

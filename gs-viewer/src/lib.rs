@@ -24,6 +24,7 @@
 
 mod error;
 mod keys;
+mod levels;
 mod navigation;
 mod overlay;
 mod pixels;
@@ -36,7 +37,7 @@ mod window;
 use glam::Vec3;
 use gs_backend::AnyRasterizer;
 use gs_core::{Backend as _, Camera, RenderSettings, Scene as _, Scene2d, Scene3d, view::Bulk};
-use gs_io::IccProfile;
+use gs_io::{IccProfile, StreamedSog};
 
 pub use self::error::Error;
 use self::{
@@ -92,7 +93,18 @@ pub enum Viewed<'a> {
         target: Vec3,
         /// The up direction, of any length.
         up: Vec3,
+        /// The levels of detail that `scene` has the coarsest of.
+        levels: Option<Levels<'a>>,
     },
+}
+
+/// A scene with levels of detail, of which the window reads and draws what each camera needs.
+#[derive(Debug, Clone, Copy)]
+pub struct Levels<'a> {
+    /// The file.
+    pub file: &'a StreamedSog,
+    /// Most Gaussians that are drawn, at least 1; the coarsest levels may have more.
+    pub budget: usize,
 }
 
 /// How a scene is viewed.
@@ -129,15 +141,18 @@ pub fn view(scene: Viewed<'_>, rasterizer: &AnyRasterizer, options: Options) -> 
     match scene {
         Viewed::TwoD { scene, width, height, profile } => {
             let session = Session::new(CanvasNavigator::new(width, height), settings);
-            window::show(rasterizer, (scene, profile), subject(scene.len(), 0), session, size)
+            window::show(rasterizer, (scene, profile, None), subject(scene.len(), 0), session, size)
         }
-        Viewed::ThreeD { scene, camera, target, up } => {
+        Viewed::ThreeD { scene, camera, target, up, levels } => {
             let bulk = Bulk::of(scene).ok_or(Error::NothingVisible)?;
             // The target has to be ahead; a point beside the axis is taken at its depth.
             let depth = camera.to_camera(target).z;
             let distance = if depth > 0.0 { depth } else { bulk.radius };
             let session = Session::new(CameraNavigator::new(&camera, distance, up, bulk), settings);
-            window::show(rasterizer, (scene, None), subject(scene.len(), scene.sh_degree), session, size)
+            let all = levels.and_then(|levels| levels.file.counts().first().copied());
+            let subject = subject(all.unwrap_or(scene.len()), scene.sh_degree);
+            let finer = levels.map(|Levels { file, budget }| levels::finer(file.clone(), budget));
+            window::show(rasterizer, (scene, None, finer), subject, session, size)
         }
     }
 }

@@ -29,7 +29,7 @@ pub(crate) fn lines<N: Navigate>(subject: &Subject, session: &Session<N>) -> Vec
         Mode::Pan => "R reset · H hides this · Esc closes",
     };
     let mut lines = vec![
-        format!("{name} · {} · {machine}", counted(*gaussians, "Gaussian")),
+        format!("{name} · {} · {machine}", drawn(*gaussians, session)),
         frame(session),
         effects(subject, session),
         session.navigator.hint(),
@@ -43,6 +43,16 @@ pub(crate) fn lines<N: Navigate>(subject: &Subject, session: &Session<N>) -> Vec
     }
     lines.extend(session.notice.clone());
     lines
+}
+
+/// How many Gaussians are drawn: of a scene with levels of detail, fewer than it has.
+fn drawn<N: Navigate>(all: usize, session: &Session<N>) -> String {
+    let whole = counted(all, "Gaussian");
+    let more = if session.is_coarse { ", finer ones are being read" } else { "" };
+    match session.gaussians.filter(|&drawn| drawn < all) {
+        Some(drawn) => format!("{drawn} of {whole}{more}"),
+        None => whole,
+    }
 }
 
 /// The effects, and the keys that change them.
@@ -135,7 +145,12 @@ mod tests {
             let request = session.next(now).request.unwrap();
             let image = Image::filled(request.size().0, request.size().1, [0.0; 3]).unwrap();
             let took = Duration::from_millis(milliseconds);
-            session.take(Answer { request, result: Ok(Frame { picture: Picture::of(&image), took }) }).unwrap();
+            session
+                .take(Answer {
+                    request,
+                    result: Ok(Frame { picture: Picture::of(&image), took, gaussians: 7, is_coarse: false }),
+                })
+                .unwrap();
             now += Duration::from_millis(20);
             session.point(Vec2::splat(frame as f32 + 1.0), now);
         }

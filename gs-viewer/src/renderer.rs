@@ -10,7 +10,7 @@ use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene};
 use gs_io::IccProfile;
 
-use crate::{error::Error, pixels::Picture};
+use crate::{error::Error, levels::Finer, pixels::Picture};
 
 /// A camera or a canvas.
 pub(crate) trait View: Copy + std::fmt::Debug + PartialEq + Send + 'static {
@@ -76,12 +76,18 @@ pub(crate) struct Frame {
     pub(crate) picture: Picture,
     /// The time from the request to the image on the host.
     pub(crate) took: Duration,
+    /// Number of Gaussians of the scene in the picture.
+    pub(crate) gaussians: usize,
+    /// Whether finer levels of the scene are being read for this view.
+    pub(crate) is_coarse: bool,
 }
 
 /// Renders until there are no more requests, or nobody takes the answer.
 pub(crate) struct Renderer<'a, S: Scene, A> {
-    /// The scene.
+    /// The scene, or its coarsest levels of detail.
     pub(crate) scene: &'a S,
+    /// Where finer levels come from.
+    pub(crate) finer: Option<Finer<S>>,
     /// The profile of its colours; `None` for sRGB.
     pub(crate) profile: Option<&'a IccProfile>,
     /// The requests.
@@ -95,10 +101,16 @@ where
     AnyRasterizer: Rasterizer<S>,
 {
     /// Renders with this rasterizer.
-    pub(crate) fn run(self, rasterizer: &AnyRasterizer) {
+    pub(crate) fn run(mut self, rasterizer: &AnyRasterizer) {
+        let upload = |scene: &S| Ok(rasterizer.upload(scene, Parameterization::ScaleRotation)?);
         // An error is the answer to the first request.
-        let splats = caught(|| Ok(rasterizer.upload(self.scene, Parameterization::ScaleRotation)?));
-        let draw = |request: &Request<S::View>| -> Result<Frame, Error> {
+        let (mut splats, mut gaussians) = (caught(|| upload(self.scene)), self.scene.len());
+        let mut draw = |request: &Request<S::View>| -> Result<Frame, Error> {
+            let finer = self.finer.as_mut().map_or(Ok((None, false)), |finer| finer(&request.view));
+            let (scene, is_coarse) = finer?;
+            if let Some(scene) = scene {
+                (splats, gaussians) = (upload(&scene), scene.len());
+            }
             let splats = splats.as_ref().map_err(Error::clone)?;
             let (width, height) = request.size();
             let start = Instant::now();
@@ -109,7 +121,7 @@ where
                 profile.to_srgb(&mut image);
             }
             let took = start.elapsed();
-            Ok(Frame { picture: Picture::of(&image), took })
+            Ok(Frame { picture: Picture::of(&image), took, gaussians, is_coarse })
         };
         for request in self.requests {
             if !(self.answer)(Answer { request, result: caught(|| draw(&request)) }) {

@@ -22,6 +22,9 @@ const REST_AFTER: Duration = Duration::from_millis(150);
 /// The least time between requests.
 const SHORTEST_FRAME: Duration = Duration::from_millis(8);
 
+/// Time between frames of the same view while finer levels of the scene are being read.
+const FINER_AFTER: Duration = Duration::from_millis(100);
+
 /// The time of motion before the first frame.
 const FIRST_STEP: Duration = Duration::from_millis(16);
 
@@ -63,6 +66,10 @@ pub(crate) struct Session<N: Navigate> {
     pub(crate) times: FrameTimes,
     /// Time of the last frame at full resolution, ms.
     pub(crate) full_ms: Option<f32>,
+    /// Number of Gaussians of the scene in the last frame.
+    pub(crate) gaussians: Option<usize>,
+    /// Whether finer levels of the scene are being read for it.
+    pub(crate) is_coarse: bool,
     /// The request whose frame is on the screen.
     shown: Option<Request<N::View>>,
     in_flight: Option<Request<N::View>>,
@@ -87,6 +94,8 @@ impl<N: Navigate> Session<N> {
             notice: None,
             times: FrameTimes::default(),
             full_ms: None,
+            gaussians: None,
+            is_coarse: false,
             shown: None,
             in_flight: None,
             size: None,
@@ -198,8 +207,9 @@ impl<N: Navigate> Session<N> {
         let divisor = if rest.is_some() { self.motion.divisor() } else { 1 };
         let request = Request { view: self.navigator.view(), settings: self.settings, divisor };
         let is_shown = |shown: &Request<N::View>| shown.divisor <= divisor && Request { divisor, ..*shown } == request;
-        if self.shown.as_ref().is_some_and(is_shown) {
-            let wake = if motion.is_none() { rest } else { Some(now + SHORTEST_FRAME) };
+        let finer = self.asked.filter(|_| self.is_coarse).map(|asked| asked + FINER_AFTER);
+        if self.shown.as_ref().is_some_and(is_shown) && finer.is_none_or(|finer| now < finer) {
+            let wake = if motion.is_none() { rest.into_iter().chain(finer).min() } else { Some(now + SHORTEST_FRAME) };
             return Next { request: None, wake };
         }
         let earliest = self.asked.map(|asked| asked + SHORTEST_FRAME);
@@ -237,6 +247,7 @@ impl<N: Navigate> Session<N> {
                 if request.divisor == 1 {
                     self.full_ms = Some(milliseconds);
                 }
+                (self.gaussians, self.is_coarse) = (Some(frame.gaussians), frame.is_coarse);
                 self.shown = Some(request);
                 Ok(Some(frame.picture))
             }
@@ -275,7 +286,7 @@ mod tests {
     fn answer(request: Request<Camera>, milliseconds: u64) -> Answer<Camera> {
         let image = Image::filled(request.size().0, request.size().1, [0.5; 3]).unwrap();
         let took = Duration::from_millis(milliseconds);
-        Answer { request, result: Ok(Frame { picture: Picture::of(&image), took }) }
+        Answer { request, result: Ok(Frame { picture: Picture::of(&image), took, gaussians: 1, is_coarse: false }) }
     }
 
     /// A session that shows its first frame, which took so long; and the clock.
@@ -341,6 +352,24 @@ mod tests {
     }
 
     #[test]
+    fn a_view_is_drawn_again_until_its_finest_levels_are_there() {
+        let (mut session, now) = showing(5);
+        session.grab(Drag::Turn);
+        session.point(Vec2::new(5.0, 0.0), now);
+        let coarse = |request| {
+            let Answer { request, result } = answer(request, 5);
+            Answer { request, result: result.map(|frame| Frame { is_coarse: true, ..frame }) }
+        };
+        let request = session.next(now).request.unwrap();
+        session.take(coarse(request)).unwrap();
+        let rest = now + REST_AFTER;
+        assert_eq!(session.next(now + FINER_AFTER / 2).wake, Some(now + FINER_AFTER));
+        assert_eq!(session.next(rest).request, Some(request));
+        session.take(answer(request, 5)).unwrap();
+        assert_eq!(session.next(rest + 2 * FINER_AFTER), Next::default());
+    }
+
+    #[test]
     fn held_keys_move_until_the_focus_is_lost() {
         let (mut session, mut now) = showing(5);
         session.obey(Command::SwitchMode);
@@ -391,7 +420,12 @@ mod tests {
             now += REST_AFTER;
             let request = session.next(now).request?;
             let image = Image::filled(request.size().0, request.size().1, [0.5; 3]).unwrap();
-            let result = Ok(Frame { picture: Picture::of(&image), took: Duration::from_millis(5) });
+            let result = Ok(Frame {
+                picture: Picture::of(&image),
+                took: Duration::from_millis(5),
+                gaussians: 1,
+                is_coarse: false,
+            });
             session.take(Answer { request, result }).unwrap();
             Some(request.view)
         };

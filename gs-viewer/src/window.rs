@@ -28,6 +28,7 @@ use winit::{
 use crate::{
     error::Error,
     keys::{Command, command},
+    levels::Finer,
     navigation::{Drag, Navigate},
     overlay::{self, Subject},
     pixels::{Picture, Screen},
@@ -45,7 +46,7 @@ const NOTCH_PX: f64 = 40.0;
 /// Where there is no display, the window cannot be opened or drawn to, or the backend fails.
 pub(crate) fn show<S, N>(
     rasterizer: &AnyRasterizer,
-    (scene, profile): (&S, Option<&IccProfile>),
+    (scene, profile, finer): (&S, Option<&IccProfile>, Option<Finer<S>>),
     subject: Subject,
     session: Session<N>,
     size: (u32, u32),
@@ -61,7 +62,7 @@ where
     let (requests, received) = mpsc::channel();
     let proxy = events.create_proxy();
     let answer = move |answer| proxy.send_event(answer).is_ok();
-    let renderer = Renderer { scene, profile, requests: received, answer };
+    let renderer = Renderer { scene, finer, profile, requests: received, answer };
     let writer = Writer::new(1.0);
     thread::scope(|scope| {
         scope.spawn(move || renderer.run(rasterizer));

@@ -12,7 +12,7 @@ use crate::{
         dataset::ReadingArgs,
         effects_args::EffectsArgs,
         render_args::RenderArgs3d,
-        values::{Size, ViewName, axis},
+        values::{Size, ViewName, axis, whole},
     },
 };
 
@@ -37,6 +37,10 @@ pub(crate) struct ViewArgs {
     /// Size of the picture [default: 800x600, or the proportions of the view]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
+    /// Draw at most N Gaussians of a streamed SOG, whose levels of detail are read as the camera moves
+    /// [default: 1000000]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..))]
+    max_gaussians: Option<u32>,
     /// Begin with the camera of a view of a data set
     #[arg(long, value_name = "DATASET:VIEW", help_heading = "Camera")]
     camera: Option<ViewName>,
@@ -70,16 +74,23 @@ mod window {
     use gs_viewer::{Options, Viewed, view};
 
     use super::*;
-    use crate::{files::scene, flags::cameras::Home, memory};
+    use crate::{
+        files::{lod::Lod, scene},
+        flags::cameras::Home,
+        memory,
+    };
 
     /// The largest default size of a window, px: images may be larger than screens.
     const LARGEST: Size = Size { width: 1280, height: 800 };
 
     /// Shows a scene until its window is closed.
     pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
+        if let Some(lod) = Lod::for_window(&args.scene, args.max_gaussians)? {
+            return run_3d(args, &lod.coarsest()?, Some(&lod));
+        }
         match scene::read_any(&args.scene)? {
             AnyScene::TwoD(file) => run_2d(args, &file),
-            AnyScene::ThreeD(file) => run_3d(args, &file),
+            AnyScene::ThreeD(file) => run_3d(args, &file, None),
         }
     }
 
@@ -96,7 +107,7 @@ mod window {
         view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)
     }
 
-    fn run_3d(args: &ViewArgs, file: &File3d) -> Result<(), Failure> {
+    fn run_3d(args: &ViewArgs, file: &File3d, lod: Option<&Lod>) -> Result<(), Failure> {
         let scene = &file.scene;
         let (Home { camera, target, up }, dataset) =
             Home::named(args.camera.as_ref(), &args.reading, file, args.size, args.up)?;
@@ -106,7 +117,7 @@ mod window {
         let backend = args.backend.open()?;
         // The camera may move anywhere, so the effects must be right from everywhere.
         let RequiredEffects { settings, .. } = args.effects.choice().choose(scene, &[], &settings)?;
-        let viewed = Viewed::ThreeD { scene, camera, target, up };
+        let viewed = Viewed::ThreeD { scene, camera, target, up, levels: lod.map(Lod::levels) };
         view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)?;
         args.render.note_guess(file);
         Ok(())

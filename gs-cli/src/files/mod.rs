@@ -1,5 +1,6 @@
 //! The files that commands read, and the folders that they write.
 
+pub(crate) mod lod;
 pub(crate) mod output_folder;
 pub(crate) mod page_files;
 pub(crate) mod scene;

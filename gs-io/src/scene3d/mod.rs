@@ -52,7 +52,7 @@ pub use self::{
     format::Format3d,
     options::{Coordinates, SpzVersion, WriteOptions3d},
     parts::{Parts3d, write_parts_3d, writes_parts_3d},
-    streamed::StreamedSog,
+    streamed::{LevelsInMemory, StreamedSog},
     trained_with::TrainedWith,
     values::Rounding,
     whole::{decode_3d, encode_3d},

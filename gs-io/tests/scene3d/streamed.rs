@@ -9,7 +9,8 @@ use std::{
 use glam::Vec3;
 use gs_core::{Gaussian3d, LodNode, Scene, Scene3d};
 use gs_io::{
-    Error, FolderClaim, Format3d, StreamedSog, WriteOptions3d, read_3d, read_scene, write_3d, write_levels_of_parts_3d,
+    Error, FolderClaim, Format3d, LevelsInMemory, StreamedSog, WriteOptions3d, read_3d, read_scene, write_3d,
+    write_levels_of_parts_3d,
 };
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -51,6 +52,25 @@ fn inside(tree: &LodNode) -> bool {
         }
         LodNode::Leaf { .. } => true,
     }
+}
+
+#[test]
+fn levels_in_memory_are_those_of_the_file_and_only_what_changes_is_read() {
+    let (_place, path, _) = written(9000);
+    let streamed = StreamedSog::open(&path).unwrap();
+    let mut levels = LevelsInMemory::of(streamed.clone());
+    for wanted in [[6, 6], [0, 6], [0, 3], [2, 3], [6, 6], [1, 1]] {
+        assert_eq!(levels.scene(&wanted).unwrap(), streamed.read(&wanted).unwrap().scene, "{wanted:?}");
+    }
+    // Without the chunk of level 1, what is there can still be shown, but not read again.
+    fs::remove_dir_all(path.with_file_name("1_0")).unwrap();
+    assert_eq!(levels.scene(&[1, 1]).unwrap().len(), 4500);
+    assert_eq!(
+        levels.scene(&[0, 1]).unwrap().len(),
+        streamed.tree().cells()[0].1[0].gaussians + streamed.tree().cells()[1].1[1].gaussians
+    );
+    levels.scene(&[0, 0]).unwrap();
+    assert!(matches!(levels.scene(&[0, 1]).unwrap_err(), Error::Missing { .. }));
 }
 
 #[test]

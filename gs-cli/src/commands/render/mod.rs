@@ -1,6 +1,5 @@
 //! `gs render`: a scene as a picture, or as many pictures of a moving camera.
 
-mod lod;
 mod panorama;
 mod scene2d;
 mod scene3d;
@@ -15,10 +14,9 @@ use gs_io::{AnyScene, Extent, GsiFile, is_gsi, read_gsi};
 use gs_lab::study::overrides;
 use toml::Table;
 
-use self::lod::Lod;
 use crate::{
     failure::Failure,
-    files::{output_folder::OverwriteArgs, scene},
+    files::{lod::Lod, output_folder::OverwriteArgs, scene},
     flags::{
         backend::BackendArgs,
         dataset::ReadingArgs,

@@ -17,10 +17,11 @@ use gs_io::{
 };
 use gs_train::parse_json;
 
-use super::{CameraArgs, RenderArgs, lod::Lod, panorama};
+use super::{CameraArgs, RenderArgs, panorama};
 use crate::{
     failure::Failure,
     files::{
+        lod::Lod,
         output_folder::{self, OutputFolder},
         text_file::read_text,
     },

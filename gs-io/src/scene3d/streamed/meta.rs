@@ -80,7 +80,7 @@ impl From<&Bound> for Bounds {
 }
 
 /// Consecutive Gaussians of a chunk.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Run {
     /// The index of the chunk.
     pub(super) file: usize,

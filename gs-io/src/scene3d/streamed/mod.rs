@@ -11,6 +11,7 @@
 //! *Source:* PlayCanvas, "The Streamed SOG format", version 1; checked against
 //! `@playcanvas/splat-transform`.
 
+mod levels;
 mod meta;
 #[cfg(feature = "write")]
 mod plan;
@@ -24,6 +25,7 @@ use std::{
 
 use gs_core::{LodNode, Scene, Scene3d};
 
+pub use self::levels::LevelsInMemory;
 use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
 pub(super) use self::write::write;
@@ -112,19 +114,11 @@ impl StreamedSog {
     }
 
     fn read_unchecked(&self, levels: &[usize]) -> Result<File3d, Error> {
-        assert_eq!(levels.len(), self.cells.len(), "one level for each cell");
-        let mut wanted: Vec<Run> = self.cells.iter().zip(levels).filter_map(|(runs, &level)| runs[level]).collect();
-        wanted.sort_unstable_by_key(|run| (run.file, run.offset));
+        let wanted = self.runs(levels);
         let mut whole = File3d::of(Format3d::StreamedSog, Scene3d::default());
         whole.bytes = self.bytes;
         let mut trained_with: Option<TrainedWith> = None;
-        let mut add = |path: &Path, runs: Option<&[Run]>, gaussians: Option<usize>| -> Result<(), Error> {
-            let bytes = read_file(path, "a chunk of a streamed SOG")?;
-            let chunk = decode_3d(Format3d::SogFolder, &bytes, path)?;
-            let found = chunk.scene.len();
-            if let Some(expected) = gaussians.filter(|&expected| expected != found) {
-                return Err(self.damaged(format!("{expected} Gaussians in {}", path.display()), found.to_string()));
-            }
+        let mut add = |path: &Path, runs: Option<&[Run]>, chunk: File3d| {
             match runs {
                 Some(runs) => runs.iter().for_each(|run| whole.scene.append(part(&chunk.scene, *run))),
                 None => whole.scene.append(chunk.scene),
@@ -134,19 +128,36 @@ impl StreamedSog {
             whole.beside.push(path.to_owned());
             whole.beside.extend(chunk.beside);
             trained_with = Some(trained_with.map_or(chunk.trained_with, |all| all.in_common(chunk.trained_with)));
-            Ok(())
         };
         for runs in wanted.chunk_by(|a, b| a.file == b.file) {
-            let Chunk { path, gaussians } = &self.chunks[runs[0].file];
-            add(path, Some(runs), Some(*gaussians))?;
+            add(&self.chunks[runs[0].file].path, Some(runs), self.chunk(runs[0].file)?);
         }
         if let Some(path) = &self.environment {
-            add(path, None, None)?;
+            add(path, None, read_chunk(path)?);
         }
         if whole.scene.is_empty() {
             return Err(Error::empty(&self.path));
         }
         Ok(File3d { trained_with: trained_with.unwrap_or_default(), ..whole })
+    }
+
+    /// The runs of a level of each cell, in the order of the chunks.
+    fn runs(&self, levels: &[usize]) -> Vec<Run> {
+        assert_eq!(levels.len(), self.cells.len(), "one level for each cell");
+        let mut runs: Vec<Run> = self.cells.iter().zip(levels).filter_map(|(runs, &level)| runs[level]).collect();
+        runs.sort_unstable_by_key(|run| (run.file, run.offset));
+        runs
+    }
+
+    /// Reads a chunk.
+    fn chunk(&self, file: usize) -> Result<File3d, Error> {
+        let Chunk { path, gaussians } = &self.chunks[file];
+        let chunk = read_chunk(path)?;
+        let found = chunk.scene.len();
+        match found == *gaussians {
+            true => Ok(chunk),
+            false => Err(self.damaged(format!("{gaussians} Gaussians in {}", path.display()), found.to_string())),
+        }
     }
 
     /// Reads the finest level of all cells.
@@ -160,6 +171,10 @@ impl StreamedSog {
         let source = Source { path: &self.path, what: WHAT, bytes: &[] };
         source.damaged(0, expected, found)
     }
+}
+
+fn read_chunk(path: &Path) -> Result<File3d, Error> {
+    decode_3d(Format3d::SogFolder, &read_file(path, "a chunk of a streamed SOG")?, path)
 }
 
 /// The Gaussians of a run, which must be there.

@@ -1,26 +1,31 @@
-//! `gs render --max-gaussians`: the levels of a streamed SOG that a view needs.
+//! The levels of a streamed SOG that views need.
 
 use std::path::Path;
 
 use gs_core::{Camera, LodCut, Scene as _};
-use gs_io::{File3d, StreamedSog, format_3d};
+use gs_io::{File3d, Format3d, StreamedSog, format_3d};
 
-use crate::{failure::Failure, files::scene, terminal::output};
+use super::scene;
+use crate::{failure::Failure, terminal::output};
 
 /// The largest error of a part of the scene that is not drawn finer, px.
 const ERROR_PX: f32 = 1.0;
 
+/// The most Gaussians that a window draws by default.
+#[cfg(feature = "viewer")]
+const USUAL_BUDGET: u32 = 1_000_000;
+
 /// A streamed SOG, and how many of its Gaussians may be drawn.
-pub(super) struct Lod {
+pub(crate) struct Lod {
     file: StreamedSog,
     budget: usize,
 }
 
 impl Lod {
     /// Opens a streamed SOG.
-    pub(super) fn open(path: &Path, budget: u32) -> Result<Self, Failure> {
+    pub(crate) fn open(path: &Path, budget: u32) -> Result<Self, Failure> {
         let path = scene::file_of(path);
-        if format_3d(&path)? != Some(gs_io::Format3d::StreamedSog) {
+        if format_3d(&path)? != Some(Format3d::StreamedSog) {
             let failure =
                 Failure::usage("--max-gaussians is for streamed SOG, which has levels of detail").at(path.display());
             return Err(failure.hint("write one with gs convert SCENE FOLDER/lod-meta.json"));
@@ -28,13 +33,29 @@ impl Lod {
         Ok(Self { file: StreamedSog::open(path).map_err(Failure::of_scene)?, budget: budget as usize })
     }
 
+    /// Opens the scene of a window, if it has levels of detail.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn for_window(path: &Path, budget: Option<u32>) -> Result<Option<Self>, Failure> {
+        let has_levels = || Ok::<_, Failure>(format_3d(scene::file_of(path))? == Some(Format3d::StreamedSog));
+        match budget {
+            None if !has_levels()? => Ok(None),
+            budget => Self::open(path, budget.unwrap_or(USUAL_BUDGET)).map(Some),
+        }
+    }
+
+    /// What the window reads while its camera moves.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn levels(&self) -> gs_viewer::Levels<'_> {
+        gs_viewer::Levels { file: &self.file, budget: self.budget }
+    }
+
     /// The coarsest levels, which show where the scene is.
-    pub(super) fn coarsest(&self) -> Result<File3d, Failure> {
+    pub(crate) fn coarsest(&self) -> Result<File3d, Failure> {
         self.file.read(&self.cut(&[])?.levels).map_err(Failure::of_scene)
     }
 
     /// The levels that these cameras need.
-    pub(super) fn read(&self, cameras: &[Camera]) -> Result<File3d, Failure> {
+    pub(crate) fn read(&self, cameras: &[Camera]) -> Result<File3d, Failure> {
         let LodCut { levels, error_px, .. } = self.cut(cameras)?;
         let file = self.file.read(&levels).map_err(Failure::of_scene)?;
         let (drawn, all) = (file.scene.len(), self.file.counts().first().copied().unwrap_or(0));

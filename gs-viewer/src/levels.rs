@@ -1,0 +1,163 @@
+//! Reads the levels of detail that a camera needs, on a thread of its own, while frames are drawn.
+
+use std::{
+    sync::mpsc::{Receiver, Sender, channel},
+    thread,
+};
+
+use gs_core::{Camera, LodCut, Scene, Scene3d};
+use gs_io::{LevelsInMemory, StreamedSog};
+
+use crate::error::Error;
+
+/// Largest projected errors that are reached one after the other, px: a coarse picture comes soon.
+const ERRORS_PX: [f32; 3] = [16.0, 4.0, 1.0];
+
+/// What a thread found that reads levels.
+enum Step {
+    /// The levels in place of those before.
+    Scene(Scene3d),
+    /// Nothing more is to be read for this camera.
+    Done(Camera),
+}
+
+/// The newest scene since the last call, and whether more is being read for this view.
+pub(crate) type Finer<S> = Box<dyn FnMut(&<S as Scene>::View) -> Result<(Option<S>, bool), Error> + Send>;
+
+/// Starts to read what the cameras need that the result is called with, up to a budget of Gaussians.
+pub(crate) fn finer(file: StreamedSog, budget: usize) -> Finer<Scene3d> {
+    let ((wanted, cameras), (steps, found)) = (channel(), channel());
+    thread::spawn(move || serve(&mut LevelsInMemory::of(file), budget, &cameras, &steps));
+    let (mut asked, mut done) = (None, None);
+    Box::new(move |camera| {
+        if asked != Some(*camera) {
+            asked = Some(*camera);
+            // If the thread has ended, its last step says why.
+            let _gone = wanted.send(*camera);
+        }
+        let mut newest = None;
+        for step in found.try_iter() {
+            match step? {
+                Step::Scene(scene) => newest = Some(scene),
+                Step::Done(camera) => done = Some(camera),
+            }
+        }
+        Ok((newest, asked != done))
+    })
+}
+
+/// Reads for each camera until there are no more, or until something fails.
+fn serve(levels: &mut LevelsInMemory, budget: usize, cameras: &Receiver<Camera>, steps: &Sender<Result<Step, Error>>) {
+    let mut shown = None;
+    while let Ok(mut camera) = cameras.recv() {
+        let mut errors = ERRORS_PX.iter();
+        loop {
+            // What an earlier camera needed is of no use.
+            if let Some(newer) = cameras.try_iter().last() {
+                (camera, errors) = (newer, ERRORS_PX.iter());
+            }
+            let step = match errors.next() {
+                Some(error_px) => next_scene(levels, (&camera, budget, *error_px), &mut shown).transpose(),
+                None => Some(Ok(Step::Done(camera))),
+            };
+            let Some(step) = step else { continue };
+            let ends = matches!(step, Ok(Step::Done(_)));
+            if step.is_err() | steps.send(step).is_err() {
+                return;
+            }
+            if ends {
+                break;
+            }
+        }
+    }
+}
+
+/// The scene of the levels that have this error at most; `None` if they are shown already. What is finer
+/// stays until the camera's last levels replace it.
+fn next_scene(
+    levels: &mut LevelsInMemory,
+    (camera, budget, error_px): (&Camera, usize, f32),
+    shown: &mut Option<Vec<usize>>,
+) -> Result<Option<Step>, Error> {
+    let cut = |error_px| -> Result<LodCut, Error> { Ok(levels.tree().cut(&[*camera], budget, error_px)?) };
+    let [_, .., last] = ERRORS_PX;
+    let (mut now, last) = (cut(error_px)?.levels, cut(last)?.levels);
+    for (cell, level) in now.iter_mut().enumerate() {
+        let before = shown.as_ref().map_or(usize::MAX, |shown| shown[cell]);
+        *level = if before <= last[cell] { last[cell] } else { before.min(*level) };
+    }
+    if shown.as_ref() == Some(&now) {
+        return Ok(None);
+    }
+    let scene = levels.scene(&now).map_err(|error| Error::Levels { message: error.to_string() })?;
+    *shown = Some(now);
+    Ok(Some(Step::Scene(scene)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::Path, time::Duration};
+
+    use glam::Vec3;
+    use gs_core::{Gaussian3d, Scene as _};
+    use gs_io::{WriteOptions3d, write_3d};
+
+    use super::*;
+
+    /// A file with levels of 6,000 Gaussians on a square of 40 by 40, more than a cell has.
+    fn square(folder: &Path) -> StreamedSog {
+        let gaussian = |i: u32| Gaussian3d {
+            mean: Vec3::new((i as f32 * 0.618_034).fract() * 40.0, 0.0, (i as f32 * 0.754_877_7).fract() * 40.0),
+            log_scale: Vec3::splat(-1.5),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: vec![Vec3::splat(0.5)],
+        };
+        let path = folder.join("lod-meta.json");
+        write_3d(&path, &(0..6000).map(gaussian).collect(), &WriteOptions3d::default()).unwrap();
+        StreamedSog::open(path).unwrap()
+    }
+
+    /// A camera above the corner of the square, so far away.
+    fn above(distance: f32) -> Camera {
+        let lens = Camera::looking_forward(400, 300, 1.0);
+        lens.looking_at(Vec3::new(5.0, -distance, 5.0), Vec3::new(5.0, 0.0, 5.1), Vec3::Z).unwrap()
+    }
+
+    /// The numbers of Gaussians of the scenes that come for a camera, one after the other.
+    fn scenes(finer: &mut Finer<Scene3d>, camera: &Camera) -> Result<Vec<usize>, Error> {
+        let mut counts = Vec::new();
+        for _ in 0..2000 {
+            let (scene, more) = finer(camera)?;
+            counts.extend(scene.map(|scene| scene.len()));
+            if !more {
+                return Ok(counts);
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+        panic!("no end after {counts:?}");
+    }
+
+    #[test]
+    fn nearer_cameras_get_finer_levels_within_the_budget() {
+        let place = tempfile::tempdir().unwrap();
+        let file = square(place.path());
+        let mut all = finer(file.clone(), 10_000);
+        let far = scenes(&mut all, &above(4000.0)).unwrap();
+        let near = scenes(&mut all, &above(8.0)).unwrap();
+        assert!(far.last() < near.last() && near.is_sorted(), "{far:?} {near:?}");
+        assert_eq!(scenes(&mut all, &above(8.0)).unwrap(), [0; 0], "nothing new");
+        assert!(scenes(&mut all, &above(4000.0)).unwrap().last() < near.last());
+        let few = scenes(&mut finer(file, 1500), &above(8.0)).unwrap();
+        assert!(few.iter().all(|&count| count <= 1500), "{few:?}");
+    }
+
+    #[test]
+    fn a_level_that_is_gone_is_an_error_that_names_it() {
+        let place = tempfile::tempdir().unwrap();
+        let file = square(place.path());
+        fs::remove_dir_all(place.path().join("0_0")).unwrap();
+        let error = scenes(&mut finer(file, 10_000), &above(8.0)).unwrap_err();
+        assert!(error.to_string().contains("0_0"), "{error}");
+    }
+}
