@@ -52,7 +52,7 @@ mod tests {
         assert!(text("man/gs-fit.1").contains("\\-\\-gaussians"), "{}", text("man/gs-fit.1"));
         for shell in ["gs.bash", "_gs", "gs.fish", "_gs.ps1"] {
             let text = text(&format!("completions/{shell}"));
-            assert!(text.contains("train") && text.contains("gaussians") && !text.contains("manual"), "{text}");
+            assert!(text.contains("train") && text.contains("gaussians"), "{text}");
         }
         assert!(!place.path().join("man/gs-manual.1").exists());
     }
@@ -63,7 +63,7 @@ mod tests {
         write(place.path(), "splats", unwrapped).unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         for file in ["man/splats.1", "man/splats-fit.1"] {
-            assert!(text(file).contains("splats") && !text(file).contains("gs\\-"), "{}", text(file));
+            assert!(text(file).contains("splats") && !text(file).contains("gs\\-fit"), "{}", text(file));
         }
         assert!(text("completions/splats.bash").contains("complete -F _splats"), "{}", text("completions/splats.bash"));
     }
