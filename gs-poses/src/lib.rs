@@ -24,7 +24,8 @@ pub use self::{
     input::source::Source,
     input::video::{Video, is_video},
     observer::{Observer, Stage},
-    run::{FILES, find_poses, refuse_other_models},
+    run::{find_poses, refuse_other_models},
     settings::{LensKind, Pairs, Settings},
     verdict::{LeftOut, Quality, Verdict},
+    work::FILES,
 };

@@ -1,6 +1,9 @@
 //! The choices: which photographs share a camera, its lens, how many features, which pairs.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
 
 use serde::{Deserialize, Serialize};
 
@@ -62,6 +65,9 @@ pub(crate) struct Plan {
     pub(crate) one_way: bool,
     /// Whether features of less contrast count, too.
     pub(crate) faint: bool,
+    /// The vocabulary tree that complements neighbours.
+    #[serde(default)]
+    pub(crate) vocabulary: Option<PathBuf>,
 }
 
 /// Photographs that one camera took.
@@ -116,6 +122,7 @@ impl Plan {
             max_size: settings.max_size,
             one_way: pairs > MANY_PAIRS,
             faint: false,
+            vocabulary: settings.vocabulary.clone().filter(|_| !all_pairs),
         }
     }
 

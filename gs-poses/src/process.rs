@@ -120,7 +120,15 @@ fn error_in(line: &str) -> Option<String> {
 
 /// Whether an error is that with which COLMAP ends where the photographs cannot be reconstructed.
 pub(crate) fn finds_nothing(error: &str) -> bool {
-    error.to_lowercase().contains("failed to create sparse model")
+    // "any" stands in between since version 4.
+    let error = error.to_lowercase();
+    error.contains("failed to create") && error.contains("sparse model")
+}
+
+/// Whether an error is that of a vocabulary tree that cannot be fetched or read.
+pub(crate) fn lacks_tree(error: &str) -> bool {
+    let error = error.to_lowercase();
+    ["download", "vocab", "http", "index"].iter().any(|word| error.contains(word))
 }
 
 /// How a process ended.
@@ -194,7 +202,8 @@ mod tests {
             assert!(!finds_nothing(line));
         }
         assert_eq!((error_in("Elapsed time"), error_in("I2026 x.cc:1] Failed")), (None, None));
-        for line in ["ERROR: failed to create sparse model", "E2026 sfm.cc:2] Failed to create sparse model"] {
+        let of_4 = "E2026 sfm.cc:279] Failed to create any sparse model";
+        for line in ["ERROR: failed to create sparse model", "E2026 sfm.cc:2] Failed to create sparse model", of_4] {
             assert!(finds_nothing(&error_in(line).unwrap()), "{line}");
         }
     }

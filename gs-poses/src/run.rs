@@ -19,17 +19,12 @@ use crate::{
     model::{self, Model, models_in},
     observer::{Observer, Stage},
     plan::{OVERLAP, Plan, pairs_by_time},
-    process::{Log, features_in, finds_nothing, fraction},
+    process::{Log, features_in, finds_nothing, fraction, lacks_tree},
     settings::Settings,
     upright::upright,
     verdict::Verdict,
-    work::{WORK, remove},
+    work::{FILES, WORK, remove},
 };
-
-/// The files that finding poses writes into the folder of a data set, besides the photographs in `images`
-/// and their masks in `masks`.
-pub const FILES: [&str; 5] =
-    ["poses.json", "poses.log", "sparse/0/points3D.bin", "sparse/0/images.bin", "sparse/0/cameras.bin"];
 
 /// What is done, in [`WORK`].
 const STATE: &str = "state.json";
@@ -284,17 +279,18 @@ impl Run<'_> {
         let is_named = self.settings.vocabulary.is_some();
         if is_named || self.colmap.fetches_tree() {
             match self.compare(place, plan, Compared::Neighbours { overlap, alike: true }) {
-                Err(Error::Failed { how, said, .. }) if !is_named => {
-                    let why = said.unwrap_or(how);
-                    self.observer.note(&format!("COLMAP cannot use the vocabulary tree that it fetches: {why}"));
+                Err(Error::Failed { said: Some(why), .. }) if !is_named && lacks_tree(&why) => {
+                    if attempt == 0 {
+                        self.observer.note(&format!("COLMAP cannot use the vocabulary tree that it fetches: {why}"));
+                    }
                 }
                 ended => return ended,
             }
         }
         if attempt == 0 {
             self.observer.note(
-                "photographs are compared with their neighbours only, so that places visited twice are not recognised: a \
-                 vocabulary tree of COLMAP (--vocabulary FILE) mends that",
+                "photographs are compared with their neighbours only, and places visited twice are not recognised: \
+                 gs poses --vocabulary FILE finds them by a vocabulary tree of COLMAP",
             );
         }
         match by_time {

@@ -44,7 +44,8 @@ and converted photographs
   poses.log    all that COLMAP said
 
 Photographs share a camera by their EXIF data and size. All pairs of up to 150 photographs are \
-compared, and neighbours of more: by time if all have one (EXIF), otherwise by name. Of several pieces, the one with most photographs is taken.
+compared, and neighbours of more: by time if all have one (EXIF), otherwise by name. Of several \
+pieces, the one with most photographs is taken.
 
 Ctrl-C stops; what is done is kept in DIR/.gs-poses, and --resume continues there.";
 

@@ -9,8 +9,8 @@ use gs_core::Image;
 use crate::poses::Scene;
 
 /// What `gs` says where only neighbours are compared.
-const ONLY_NEIGHBOURS: &str = "note: photographs are compared with their neighbours only, so that places visited twice \
-    are not recognised: a vocabulary tree of COLMAP (--vocabulary FILE) mends that";
+const ONLY_NEIGHBOURS: &str = "note: photographs are compared with their neighbours only, and places visited twice \
+    are not recognised: gs poses --vocabulary FILE finds them by a vocabulary tree of COLMAP";
 
 /// So many tiny photographs in the folder `many`, of which COLMAP finds four poses.
 fn many(count: usize) -> Scene {

@@ -190,9 +190,11 @@ impl OutputFolder {
         self.path().join(name)
     }
 
-    /// Adds claimed files that are about to be written to the index, which is then written once instead of once for each
-    /// file.
+    /// Adds claimed files that are about to be written to the index, which is then written once instead of
+    /// once for each file. As everywhere, an index that cannot be written is no error.
     pub fn announce(&self, names: impl IntoIterator<Item = String>) {
+        let names: Vec<String> = names.into_iter().collect();
+        debug_assert!(names.iter().all(|name| self.claims(name)), "not claimed: {names:?}");
         let mut index = self.index();
         let before = index.0.len();
         index.0.extend(names);

@@ -17,7 +17,7 @@ use crate::{
     error::Error,
     input::heic::{Converter, Heic},
     observer::{Observer, Stage},
-    work::{WORK, remove},
+    work::{FILES, WORK, remove},
 };
 
 /// Folders inside the named one that hold the photographs, if it has none itself.
@@ -205,7 +205,7 @@ impl Photographs {
         };
         let mut folders: Vec<PathBuf> = entries.filter(|path| path.is_dir() && !is_other(path)).collect();
         // What an earlier run made of these photographs.
-        folders.retain(|folder| !folder.join(crate::FILES[0]).is_file() && !folder.join(".gs-files.json").is_file());
+        folders.retain(|folder| !folder.join(FILES[0]).is_file() && !folder.join(".gs-files.json").is_file());
         folders.sort();
         folders.iter().try_for_each(|folder| self.add(root, folder, depth + 1, masks))
     }
