@@ -1,7 +1,7 @@
 //! Reads the levels of detail that a camera needs, on a thread of its own, while frames are drawn.
 
 use std::{
-    sync::mpsc::{Receiver, Sender, channel},
+    sync::mpsc::{Receiver, SyncSender, TryRecvError, channel, sync_channel},
     thread,
 };
 
@@ -26,28 +26,39 @@ pub(crate) type Finer<S> = Box<dyn FnMut(&<S as Scene>::View) -> Result<(Option<
 
 /// Starts to read what the cameras need that the result is called with, up to a budget of Gaussians.
 pub(crate) fn finer(file: StreamedSog, budget: usize) -> Finer<Scene3d> {
-    let ((wanted, cameras), (steps, found)) = (channel(), channel());
+    // One scene waits at most: they may be large.
+    let ((wanted, cameras), (steps, found)) = (channel(), sync_channel(1));
     thread::spawn(move || serve(&mut LevelsInMemory::of(file), budget, &cameras, &steps));
     let (mut asked, mut done) = (None, None);
     Box::new(move |camera| {
         if asked != Some(*camera) {
             asked = Some(*camera);
-            // If the thread has ended, its last step says why.
+            // If the thread has ended, that is found out below.
             let _gone = wanted.send(*camera);
         }
         let mut newest = None;
-        for step in found.try_iter() {
-            match step? {
-                Step::Scene(scene) => newest = Some(scene),
-                Step::Done(camera) => done = Some(camera),
+        loop {
+            match found.try_recv() {
+                Ok(step) => match step? {
+                    Step::Scene(scene) => newest = Some(scene),
+                    Step::Done(camera) => done = Some(camera),
+                },
+                Err(TryRecvError::Empty) => return Ok((newest, asked != done)),
+                Err(TryRecvError::Disconnected) => {
+                    return Err(Error::Levels { message: "reading levels of detail has ended in a panic".to_owned() });
+                }
             }
         }
-        Ok((newest, asked != done))
     })
 }
 
 /// Reads for each camera until there are no more, or until something fails.
-fn serve(levels: &mut LevelsInMemory, budget: usize, cameras: &Receiver<Camera>, steps: &Sender<Result<Step, Error>>) {
+fn serve(
+    levels: &mut LevelsInMemory,
+    budget: usize,
+    cameras: &Receiver<Camera>,
+    steps: &SyncSender<Result<Step, Error>>,
+) {
     let mut shown = None;
     while let Ok(mut camera) = cameras.recv() {
         let mut errors = ERRORS_PX.iter();
@@ -72,8 +83,8 @@ fn serve(levels: &mut LevelsInMemory, budget: usize, cameras: &Receiver<Camera>,
     }
 }
 
-/// The scene of the levels that have this error at most; `None` if they are shown already. What is finer
-/// stays until the camera's last levels replace it.
+/// The scene of the levels that have this error at most; `None` if they are shown already. Cells that are
+/// finer than this camera needs get its last level at once; the others never get coarser on the way.
 fn next_scene(
     levels: &mut LevelsInMemory,
     (camera, budget, error_px): (&Camera, usize, f32),
@@ -147,9 +158,9 @@ mod tests {
         let near = scenes(&mut all, &above(8.0)).unwrap();
         assert!(far.last() < near.last() && near.is_sorted(), "{far:?} {near:?}");
         assert_eq!(scenes(&mut all, &above(8.0)).unwrap(), [0; 0], "nothing new");
-        assert!(scenes(&mut all, &above(4000.0)).unwrap().last() < near.last());
+        assert_eq!(scenes(&mut all, &above(4000.0)).unwrap().last(), far.last());
         let few = scenes(&mut finer(file, 1500), &above(8.0)).unwrap();
-        assert!(few.iter().all(|&count| count <= 1500), "{few:?}");
+        assert!(!few.is_empty() && few.iter().all(|&count| count <= 1500), "{few:?}");
     }
 
     #[test]

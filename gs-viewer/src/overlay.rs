@@ -48,10 +48,10 @@ pub(crate) fn lines<N: Navigate>(subject: &Subject, session: &Session<N>) -> Vec
 /// How many Gaussians are drawn: of a scene with levels of detail, fewer than it has.
 fn drawn<N: Navigate>(all: usize, session: &Session<N>) -> String {
     let whole = counted(all, "Gaussian");
-    let more = if session.is_coarse { ", finer ones are being read" } else { "" };
+    let more = if session.again.is_some() { ", finer ones are being read" } else { "" };
     match session.gaussians.filter(|&drawn| drawn < all) {
         Some(drawn) => format!("{drawn} of {whole}{more}"),
-        None => whole,
+        None => whole + more,
     }
 }
 

@@ -106,14 +106,16 @@ where
         // An error is the answer to the first request.
         let (mut splats, mut gaussians) = (caught(|| upload(self.scene)), self.scene.len());
         let mut draw = |request: &Request<S::View>| -> Result<Frame, Error> {
+            let start = Instant::now();
             let finer = self.finer.as_mut().map_or(Ok((None, false)), |finer| finer(&request.view));
             let (scene, is_coarse) = finer?;
             if let Some(scene) = scene {
+                // A GPU may not hold both.
+                splats = Err(Error::NothingVisible);
                 (splats, gaussians) = (upload(&scene), scene.len());
             }
             let splats = splats.as_ref().map_err(Error::clone)?;
             let (width, height) = request.size();
-            let start = Instant::now();
             let pass =
                 rasterizer.forward(splats, &request.view.resized(width, height), &request.settings).block_on()?;
             let mut image = Rasterizer::<S>::image(rasterizer, &pass).block_on()?;

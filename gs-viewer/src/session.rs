@@ -68,8 +68,8 @@ pub(crate) struct Session<N: Navigate> {
     pub(crate) full_ms: Option<f32>,
     /// Number of Gaussians of the scene in the last frame.
     pub(crate) gaussians: Option<usize>,
-    /// Whether finer levels of the scene are being read for it.
-    pub(crate) is_coarse: bool,
+    /// When to draw the same view again, as finer levels of the scene are being read for it.
+    pub(crate) again: Option<Instant>,
     /// The request whose frame is on the screen.
     shown: Option<Request<N::View>>,
     in_flight: Option<Request<N::View>>,
@@ -95,7 +95,7 @@ impl<N: Navigate> Session<N> {
             times: FrameTimes::default(),
             full_ms: None,
             gaussians: None,
-            is_coarse: false,
+            again: None,
             shown: None,
             in_flight: None,
             size: None,
@@ -207,9 +207,9 @@ impl<N: Navigate> Session<N> {
         let divisor = if rest.is_some() { self.motion.divisor() } else { 1 };
         let request = Request { view: self.navigator.view(), settings: self.settings, divisor };
         let is_shown = |shown: &Request<N::View>| shown.divisor <= divisor && Request { divisor, ..*shown } == request;
-        let finer = self.asked.filter(|_| self.is_coarse).map(|asked| asked + FINER_AFTER);
-        if self.shown.as_ref().is_some_and(is_shown) && finer.is_none_or(|finer| now < finer) {
-            let wake = if motion.is_none() { rest.into_iter().chain(finer).min() } else { Some(now + SHORTEST_FRAME) };
+        if self.shown.as_ref().is_some_and(is_shown) && self.again.is_none_or(|again| now < again) {
+            let soonest = rest.into_iter().chain(self.again).min();
+            let wake = if motion.is_none() { soonest } else { Some(now + SHORTEST_FRAME) };
             return Next { request: None, wake };
         }
         let earliest = self.asked.map(|asked| asked + SHORTEST_FRAME);
@@ -247,7 +247,8 @@ impl<N: Navigate> Session<N> {
                 if request.divisor == 1 {
                     self.full_ms = Some(milliseconds);
                 }
-                (self.gaussians, self.is_coarse) = (Some(frame.gaussians), frame.is_coarse);
+                self.gaussians = Some(frame.gaussians);
+                self.again = self.asked.filter(|_| frame.is_coarse).map(|asked| asked + frame.took + FINER_AFTER);
                 self.shown = Some(request);
                 Ok(Some(frame.picture))
             }
@@ -362,11 +363,11 @@ mod tests {
         };
         let request = session.next(now).request.unwrap();
         session.take(coarse(request)).unwrap();
-        let rest = now + REST_AFTER;
-        assert_eq!(session.next(now + FINER_AFTER / 2).wake, Some(now + FINER_AFTER));
-        assert_eq!(session.next(rest).request, Some(request));
+        let again = now + Duration::from_millis(5) + FINER_AFTER;
+        assert_eq!(session.next(now + FINER_AFTER / 2).wake, Some(again));
+        assert_eq!(session.next(again).request, Some(request));
         session.take(answer(request, 5)).unwrap();
-        assert_eq!(session.next(rest + 2 * FINER_AFTER), Next::default());
+        assert_eq!(session.next(now + REST_AFTER + FINER_AFTER), Next::default());
     }
 
     #[test]

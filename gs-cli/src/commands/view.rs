@@ -10,7 +10,7 @@ use crate::{
     flags::{
         backend::BackendArgs,
         dataset::ReadingArgs,
-        effects_args::EffectsArgs,
+        effects_args::{EffectsArgs, EffectsChoice},
         render_args::RenderArgs3d,
         values::{Size, ViewName, axis, whole},
     },
@@ -116,9 +116,13 @@ mod window {
         let size = size(args, camera.width, camera.height)?;
         let backend = args.backend.open()?;
         // The camera may move anywhere, so the effects must be right from everywhere.
-        let RequiredEffects { settings, .. } = args.effects.choice().choose(scene, &[], &settings)?;
+        let RequiredEffects { settings: mut chosen, .. } = args.effects.choice().choose(scene, &[], &settings)?;
+        if lod.is_some() && matches!(args.effects.choice(), EffectsChoice::Auto) {
+            // Finer levels may vary more with the direction than the coarsest do.
+            chosen.effects.sh_degree = settings.effects.sh_degree;
+        }
         let viewed = Viewed::ThreeD { scene, camera, target, up, levels: lod.map(Lod::levels) };
-        view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)?;
+        view(viewed, &backend.rasterizer, Options::new(name(args), size, chosen)).map_err(failure)?;
         args.render.note_guess(file);
         Ok(())
     }

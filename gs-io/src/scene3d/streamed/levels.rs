@@ -8,7 +8,7 @@ use super::{Run, StreamedSog, checked, part, read_chunk};
 use crate::error::Error;
 
 /// A level of each cell of a streamed SOG in memory, for cameras that move. Only chunks with cells whose level
-/// changes are read.
+/// changes are read, each as a whole; the coarsest levels stay, as cells out of sight return to them.
 #[derive(Debug)]
 pub struct LevelsInMemory {
     file: StreamedSog,
@@ -28,7 +28,8 @@ impl LevelsInMemory {
     }
 
     /// The scene of a level of each cell, such as those of [`LodNode::cut`], with the environment: the
-    /// Gaussians of [`StreamedSog::read`] in the same order. Cells of other levels leave the memory.
+    /// Gaussians of [`StreamedSog::read`] in the same order. Other levels than these and the coarsest leave
+    /// the memory.
     ///
     /// # Errors
     /// Those of [`StreamedSog::read`].
@@ -46,6 +47,8 @@ impl LevelsInMemory {
                 Some((*run, self.parts.remove(run).or_else(read)?))
             }));
         }
+        let coarsest = self.file.cells.iter().filter_map(|runs| *runs.last()?);
+        parts.extend(coarsest.filter_map(|run| self.parts.remove_entry(&run)));
         self.parts = parts;
         if let (Some(path), None) = (&self.file.environment, &self.environment) {
             self.environment = Some(checked(read_chunk(path)?, path)?.scene);
