@@ -438,7 +438,7 @@ mod tests {
         let mut seen = HashSet::new();
         // The names in conditions are looked up often, and searching the text takes time.
         let named = |shader: &crate::shaders::Shader| -> HashSet<&str> {
-            shader.sources().flat_map(str::lines).filter_map(|line| line.strip_prefix("#if ")).collect()
+            shader.sources().flat_map(str::lines).filter_map(|line| line.trim().strip_prefix("#if ")).collect()
         };
         let shaders: Vec<_> = SHADERS.iter().map(|shader| (shader, named(shader))).collect();
         for ((shader, named), variant) in shaders.iter().flat_map(|shader| variants().map(move |v| (shader, v))) {

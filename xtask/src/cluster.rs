@@ -21,7 +21,7 @@ use crate::system::{
 const TASKS: usize = 4;
 
 /// Longest time for a whole array.
-const LIMIT: Duration = Duration::from_secs(150);
+const LIMIT: Duration = Duration::from_secs(300);
 
 /// 24 fits of about a second.
 const FITS: &str = "\

@@ -31,7 +31,7 @@ Options:
   --install  install what the tests need: Mesa's software Vulkan driver, where there is no
              graphics adapter. Without it nothing is installed, and tests that need an
              adapter are skipped and listed by name
-  --slow     then run the slow tests (marked #[ignore]) in the release profile
+  --slow     then run the slow tests (marked #[ignore]) in the release profile, and those of gs manual
 
 Tests on real images and scenes read the folder that GS_DATA names, ../shared/data by default.
 They pass without checking anything where it is absent.
@@ -52,8 +52,8 @@ Options:
   --install  install Debian's colmap, and PyCOLMAP from PyPI in an environment of its own; without
              colmap, nothing is checked
 
-cargo xtask python builds the Python module as a wheel into target/wheels, packed by tools from PyPI in
-an environment of its own. Without Python 3.9 or later it says so and builds nothing.
+cargo xtask python builds the Python module as a wheel into target/wheels, packed by tools from PyPI
+in an environment of its own. Without Python 3.9 or later it says so and builds nothing.
 
 Options:
   --test     build without optimising what does not compute, install the wheel into that

@@ -13,7 +13,7 @@ use crate::system::{
 };
 
 /// What packs wheels, from PyPI.
-const TOOLS: [&str; 3] = ["pyproject-metadata>=0.9", "tomli>=2", "wheel>=0.45"];
+const TOOLS: [&str; 4] = ["packaging>=24", "pyproject-metadata>=0.9,<1", "tomli>=2,<3", "wheel>=0.45,<1"];
 
 /// The packages of Debian and Ubuntu with a Python that can make environments.
 const PYTHON: [&str; 2] = ["python3", "python3-venv"];

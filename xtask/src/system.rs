@@ -62,10 +62,20 @@ pub(crate) fn root(program: &str) -> Command {
 /// does: `apt-get` fails where another one is at work.
 pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
     let lock = target().join("packages.lock");
-    let lock = fs::File::create(&lock).and_then(|file| file.lock().map(|()| file)).map_err(at(&lock))?;
+    let locked = || {
+        fs::create_dir_all(target())?;
+        let file = fs::File::create(&lock)?;
+        file.lock().map(|()| file)
+    };
+    let lock = locked().map_err(at(&lock))?;
     let apt = |arguments: &[&str]| {
         let mut command = root("apt-get");
-        step(command.args(["--quiet", "--yes"]).args(arguments).env("DEBIAN_FRONTEND", "noninteractive"))
+        step(
+            command
+                .args(["--quiet", "--yes", "-o", "DPkg::Lock::Timeout=300"])
+                .args(arguments)
+                .env("DEBIAN_FRONTEND", "noninteractive"),
+        )
     };
     // Package lists may be old, or absent as in a fresh container.
     let install = [&["install", "--no-install-recommends"], packages].concat();
@@ -81,25 +91,27 @@ pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
 
 /// Builds the Python module for tests, and returns the folder that it is in.
 pub(crate) fn built_module() -> Result<PathBuf, String> {
-    built(&["--lib", "--example", "adapters"], Path::new(""))
+    build(&["--lib", "--example", "adapters"])
 }
 
 /// Builds `gs` for tests, and returns its path.
 pub(crate) fn built_program() -> Result<PathBuf, String> {
     // The example brings the features of tests: without them, the tests' build of `gs` would be replaced.
-    built(&["--bin", "gs", "--example", "adapters"], Path::new("gs"))
+    let folder = build(&["--bin", "gs", "--example", "adapters"])?;
+    Ok(folder.join("gs").with_extension(env::consts::EXE_EXTENSION))
 }
 
 /// Builds an example of the workspace for tests, and returns its path.
 pub(crate) fn built_example(name: &str) -> Result<PathBuf, String> {
-    built(&["--example", name], &Path::new("examples").join(name))
+    let folder = build(&["--example", name])?;
+    Ok(folder.join("examples").join(name).with_extension(env::consts::EXE_EXTENSION))
 }
 
 /// Builds with the features of the whole workspace, so that nothing is built again that the tests have
-/// built.
-fn built(targets: &[&str], program: &Path) -> Result<PathBuf, String> {
-    cargo(&[&["build", "--workspace"], targets].concat())?;
-    Ok(target().join("debug").join(program).with_extension(env::consts::EXE_EXTENSION))
+/// built, and returns the folder of the results.
+fn build(targets: &[&str]) -> Result<PathBuf, String> {
+    cargo(&[&["build", "--locked", "--workspace"], targets].concat())?;
+    Ok(target().join("debug"))
 }
 
 /// The folder of what is built.

@@ -27,6 +27,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     if options.slow {
         let slow = ["test", "--workspace", "--release", "--lib", "--bins", "--tests", "--", "--ignored"];
         cargo(&[&slow[..], skip.get(1..).unwrap_or_default()].concat())?;
+        cargo(&["test", "-p", "gs-cli", "--features", "manual", "manual"])?;
     }
     if adapter { Ok(()) } else { report_skipped() }
 }

@@ -63,7 +63,11 @@ mod tests {
         write(place.path(), "splats", unwrapped).unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         for file in ["man/splats.1", "man/splats-fit.1"] {
-            assert!(text(file).contains("splats") && !text(file).contains("gs\\-fit"), "{}", text(file));
+            assert!(
+                text(file).contains("splats") && !text(file).contains("gs\\-fit") && !text(file).contains("gs\\-train"),
+                "{}",
+                text(file)
+            );
         }
         assert!(text("completions/splats.bash").contains("complete -F _splats"), "{}", text("completions/splats.bash"));
     }

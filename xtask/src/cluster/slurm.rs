@@ -17,7 +17,7 @@ use crate::system::{at, output};
 pub(super) const PROGRAMS: [&str; 6] = ["munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol"];
 
 /// Longest time until the node is up.
-const START: Duration = Duration::from_secs(30);
+const START: Duration = Duration::from_secs(90);
 
 /// A running cluster; stopped when dropped.
 pub(super) struct Slurm {

@@ -37,7 +37,7 @@ fn built(tools: &Tools, system: &System) -> Result<Built, String> {
     build.args(["zigbuild", "--locked", "--profile", PROFILE, "-p", "gs-cli", "-p", "gs-python"]);
     build.args(["--features", "gs-cli/manual", "--target", &format!("{}{}", system.triple, system.glibc)]);
     // The module is for each Python with the stable ABI, and uses the symbols of the process that loads it.
-    build.env("PYO3_NO_PYTHON", "1").env("PYO3_BUILD_EXTENSION_MODULE", "1");
+    build.env("PYO3_NO_PYTHON", "1");
     step(build.arg("--target-dir").arg(target()))?;
     let [program, module] = if system.is_windows() { ["gs.exe", "_native.dll"] } else { ["gs", "lib_native.so"] };
     let folder = target().join(system.triple).join(PROFILE);

@@ -6,22 +6,22 @@ Python that it names, and the platform, which is that of this Python if none is 
 
 import shutil
 import sys
-import sysconfig
 from pathlib import Path
 
 import tomli
+from packaging.tags import platform_tags
 from pyproject_metadata import StandardMetadata
 
 TAGS = """\
 Wheel-Version: 1.0
-Generator: cargo xtask dist
+Generator: cargo xtask
 Root-Is-Purelib: false
 Tag: cp{python}-abi3-{platform}
 """
 
 
 def main(tree: Path, version: str, platform: str = "") -> None:
-    platform = platform or sysconfig.get_platform().replace("-", "_").replace(".", "_")
+    platform = platform or next(platform_tags())
     package = Path("gs-python")
     for source in (package / "python/gaussian_splats").iterdir():
         if source.suffix in {".py", ".pyi"} or source.name == "py.typed":

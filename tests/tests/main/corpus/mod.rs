@@ -57,7 +57,7 @@ fn the_cpu_passes_at_its_best_level() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// The other levels are the same source, compiled again: each takes its share of the cases.
+/// The other levels are the same source, compiled again: each takes its share of half of the cases.
 #[test]
 fn the_cpu_passes_a_share_of_the_cases_at_each_other_level() {
     let others: Vec<SimdLevel> =
@@ -72,10 +72,11 @@ fn the_cpu_passes_a_share_of_the_cases_at_each_other_level() {
 fn check(kernels: Kernels, records: impl Fn(&WgpuRasterizer) -> Vec<Record>) {
     let Some(rasterizer) = gpus::with_kernels(kernels, None) else { return };
     // A software driver refuses lists that are longer than its loops with this error.
+    let records = records(&rasterizer);
     let (refused, failures): (Vec<_>, Vec<_>) =
-        unexpected(&records(&rasterizer)).into_iter().partition(|failure| failure.contains("ends loops after"));
+        unexpected(&records).into_iter().partition(|failure| failure.contains("ends loops after"));
     refused.iter().for_each(|record| eprintln!("skipped: {record}"));
-    assert!(refused.len() <= 8, "{kernels:?} refuse too much:\n{}", refused.join("\n"));
+    assert!(4 * refused.len() <= records.len(), "{kernels:?} refuse too much:\n{}", refused.join("\n"));
     assert!(failures.is_empty(), "{kernels:?}:\n{}", failures.join("\n"));
 }
 
