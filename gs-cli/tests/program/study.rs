@@ -89,9 +89,11 @@ fn a_study_leaves_tables_a_report_and_settings_that_repeat_its_runs() {
     assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
 
     assert!(page.contains(" --backend cpu --simd "), "what the machine has decided");
-    let mut records = output.join("runs").read_dir().unwrap().map(|entry| entry.unwrap().path());
-    let record = records.find(|path| path.extension().is_some_and(|extension| extension == "json")).unwrap();
-    let record: serde_json::Value = serde_json::from_str(&fs::read_to_string(record).unwrap()).unwrap();
+    let files = output.join("runs").read_dir().unwrap().map(|entry| entry.unwrap().path());
+    let mut records = files
+        .filter(|path| path.extension().is_some_and(|extension| extension == "json"))
+        .map(|path| serde_json::from_str::<serde_json::Value>(&fs::read_to_string(path).unwrap()).unwrap());
+    let record = records.find(|record| record["image"] != "paper").unwrap();
     let (settings, fitted) = (place.path().join("run.toml"), place.path().join("fit"));
     fs::write(&settings, record["settings"].as_str().unwrap()).unwrap();
     let image = place.path().join("picture-32x24.png");
