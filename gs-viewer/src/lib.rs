@@ -4,6 +4,9 @@
 //! through a 3D scene one orbits and flies, and switches the order of blending and the antialiasing
 //! with keys. [`KEYS`] lists them.
 //!
+//! Of a scene with levels of detail ([`Levels`]), a thread reads what the camera needs, coarse levels
+//! first, while frames show what is there.
+//!
 //! Slow frames are rendered in fewer pixels while the picture moves. A text over the picture shows
 //! the time per frame, the effects, and the keys.
 //!

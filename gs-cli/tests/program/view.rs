@@ -51,6 +51,22 @@ fn without_a_display_it_says_so_and_what_to_do() {
     gs(["render", text(&scene), "-o", text(&turn), "--orbit", "2", "--size", "8x6"]).done();
 }
 
+// Elsewhere there is always a display, or no way to take it away.
+#[cfg(all(unix, not(target_os = "macos")))]
+#[test]
+fn levels_of_detail_are_opened_for_the_window_and_other_scenes_have_no_budget() {
+    let place = folder();
+    let (_, scene) = dataset_and_scene(place.path());
+    let city = place.path().join("city/lod-meta.json");
+    gs(["convert", text(&scene), text(&city)]).done();
+    for scene in [&city, city.parent().unwrap()] {
+        let run = view(&[text(scene), "--max-gaussians", "5", "--backend", "cpu"]);
+        assert!(run.status == Some(1) && run.refusal().contains("no display"), "{run:?}");
+    }
+    let run = view(&[text(&scene), "--max-gaussians", "5"]);
+    assert!(run.status == Some(2) && run.refusal().contains("is for streamed SOG"), "{run:?}");
+}
+
 #[test]
 fn what_cannot_be_viewed_is_refused_before_a_window_is_looked_for() {
     let place = folder();
