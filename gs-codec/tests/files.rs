@@ -60,7 +60,7 @@ fn sorted(layer: &Layer) -> Vec<Gaussian2d> {
 }
 
 #[test]
-fn what_is_encoded_comes_back() {
+fn an_encoded_picture_decodes_to_the_same_gaussians() {
     let coarse = LayerHead { step: 128, cell: 24, margin: 0, mean_ratio: 64, shape_ratio: 16, turn_ratio: 80 };
     let layers = vec![layer(HEAD, &gaussians(500, 1)), layer(coarse, &gaussians(40, 2)), layer(HEAD, &[])];
     let Decoded { width, height, background, scene, alpha, profile, layers: found } =

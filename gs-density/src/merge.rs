@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_rotation_is_not_merged() {
+    fn a_gaussian_without_a_rotation_is_not_merged() {
         let mut broken = gaussian(Vec3::ZERO, 0.0);
         broken.rotation = [0.0; 4];
         assert_eq!(merged(&[(gaussian(Vec3::ZERO, 0.0), 1.0), (broken, 1.0)]), None);

@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_leaves_no_file() {
+    fn a_failed_animation_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("turn.apng");
         let missing = || Error::Missing { path: "frame".into() };

@@ -289,7 +289,7 @@ fn claims_that_overflow_or_outgrow_memory_are_refused() {
 }
 
 #[test]
-fn what_is_no_scene_file_is_said_to_be_none() {
+fn a_file_of_another_kind_is_not_read_as_a_scene() {
     let file = small_scene_written();
     for bytes in [&b"{}"[..], b"just some text that is longer than eight bytes", &[0; 64], &with_header("{}", 0)] {
         let error = refusal(&file, bytes);

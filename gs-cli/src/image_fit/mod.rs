@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_picture_is_fitted_before_its_colour_unless_transparent_pixels_show_another() {
+    fn the_colour_of_a_flat_picture_becomes_its_background() {
         let flat = |behind| FitImage { image: Image::filled(9, 7, [1.0; 3]).unwrap(), behind, ..target() };
         let background = |args: &FitSettingsArgs, target: &FitImage| {
             let settings = super::settings(args, None, target).unwrap();

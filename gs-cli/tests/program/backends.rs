@@ -174,7 +174,7 @@ fn info_describes_files_or_adapters_but_not_both() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn without_any_driver_wgpu_says_what_to_install_and_auto_computes_on_the_cpu() {
+fn without_drivers_wgpu_gives_advice_and_auto_uses_the_cpu() {
     let place = folder();
     let output = place.path().join("out");
     let fit = ["fit", "-o", output.to_str().unwrap(), "-n", "20", "--iterations", "5", "--no-report"];

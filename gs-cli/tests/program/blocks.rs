@@ -99,7 +99,7 @@ fn memory_decides_how_many_blocks_there_are() {
 }
 
 #[test]
-fn what_cannot_be_done_is_refused_in_one_line() {
+fn impossible_block_commands_are_refused_in_one_line() {
     let place = folder();
     let (data, output) = (dataset(place.path()), place.path().join("out"));
     let refused = |run: Run, expected: &str| assert!(run.refusal().contains(expected), "{expected}: {run:?}");

@@ -192,7 +192,7 @@ fn scales_of_zero_are_raised_and_reported() {
 }
 
 #[test]
-fn what_cannot_be_converted_is_refused() {
+fn impossible_conversions_are_refused() {
     let place = folder();
     let path = |name: &str| place.path().join(name);
     let first = ply(place.path());

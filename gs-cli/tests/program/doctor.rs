@@ -35,7 +35,7 @@ fn repaired(scene: &Path, copy: &Path, flags: &[&str]) -> Run {
 }
 
 #[test]
-fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() {
+fn doctor_repairs_a_scene_and_leaves_sound_gaussians_intact() {
     let place = folder();
     let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
     let scene = scene_3d();
@@ -136,7 +136,7 @@ fn a_2d_scene_is_mended_too() {
 }
 
 #[test]
-fn what_cannot_be_mended_is_refused() {
+fn a_scene_without_a_sound_gaussian_is_not_repaired() {
     let place = folder();
     let path = place.path().join("scene.ply");
     write_3d(&path, &scene_3d(), &WriteOptions3d::default()).unwrap();

@@ -88,7 +88,7 @@ fn only_what_moves_a_scene_takes_it_out_of_its_frame() {
 }
 
 #[test]
-fn what_cannot_be_done_changes_nothing() {
+fn impossible_edits_change_nothing() {
     let place = folder();
     let (scene, edited) = (ply(place.path()), place.path().join("edited.ply"));
     for (operations, status, part) in [

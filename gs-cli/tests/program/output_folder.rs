@@ -98,7 +98,7 @@ fn no_input_is_ever_replaced() {
 
 #[cfg(unix)]
 #[test]
-fn what_a_folder_stands_for_is_an_input_too() {
+fn files_of_an_input_folder_are_protected_as_inputs() {
     let place = folder();
     let (image, output) = (picture(place.path(), 24, 24), place.path().join("out"));
     gs(fit(&image, &output)).done();
@@ -144,7 +144,7 @@ fn results_of_a_fit_do_not_stay_beside_those_of_a_training() {
 }
 
 #[test]
-fn of_two_runs_in_one_folder_the_second_is_refused() {
+fn a_second_run_in_the_same_folder_is_refused() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let first = crate::fit::Endless::start(place.path(), &[]);
@@ -157,7 +157,7 @@ fn of_two_runs_in_one_folder_the_second_is_refused() {
 }
 
 #[test]
-fn what_a_killed_run_left_half_written_is_removed_by_the_next() {
+fn the_next_run_removes_half_written_files_of_a_killed_one() {
     let place = folder();
     let (image, output, states) =
         (picture(place.path(), 24, 24), place.path().join("out"), place.path().join("states"));

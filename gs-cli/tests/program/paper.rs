@@ -39,7 +39,7 @@ fn an_experiment_becomes_a_page_and_tables() {
 }
 
 #[test]
-fn what_cannot_be_done_is_refused_in_one_line() {
+fn unknown_experiments_and_unwritable_outputs_are_refused() {
     let unknown = gs(["paper", "--only", "warm-start"]);
     assert_eq!(unknown.status, Some(2));
     let line = unknown.refusal();

@@ -205,7 +205,7 @@ fn pieces_that_share_photographs_are_joined() {
 }
 
 #[test]
-fn of_two_places_the_larger_is_taken() {
+fn the_largest_connected_piece_of_photographs_is_used() {
     let scene = Scene::textured();
     scene.write_model(&NAMES[..3]);
     scene.write_model_as("second", &NAMES[3..]);
@@ -291,7 +291,7 @@ fn ctrl_c_ends_colmap_and_names_the_command_that_continues() {
 }
 
 #[test]
-fn what_cannot_work_is_refused_in_one_line() {
+fn unusable_photographs_outputs_or_colmap_are_refused() {
     let scene = Scene::textured();
     let none = Run::of(scene.command(&["poses", "photos", "-o", "set"]).env("PATH", "/nowhere"));
     let line = none.refusal();

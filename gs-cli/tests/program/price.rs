@@ -118,7 +118,7 @@ fn required_effects_of_a_3d_scene_are_reported() {
 }
 
 #[test]
-fn a_picture_is_rendered_with_the_required_effects_unless_the_flag_says_otherwise() {
+fn rendering_uses_required_effects_unless_a_flag_decides() {
     let place = folder();
     let scene = faintly_shiny(place.path());
     let render = |flags: &[&str]| {
@@ -246,7 +246,7 @@ fn popping_is_measured_in_both_orders() {
 type Case<'a> = (&'a str, &'a Path, &'a [&'a str], i32, &'a [&'a str]);
 
 #[test]
-fn what_cannot_be_measured_is_refused_before_anything_is_written() {
+fn impossible_measurements_are_refused_before_any_output() {
     let place = folder();
     let (scene, image, flat) = (faintly_shiny(place.path()), picture(place.path(), 16, 12), fitted(place.path()));
     let flat = Path::new(&flat);

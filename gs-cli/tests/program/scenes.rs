@@ -37,7 +37,7 @@ fn a_scene_is_rendered_at_any_size_and_in_parts() {
 }
 
 #[test]
-fn what_cannot_be_rendered_is_refused() {
+fn impossible_renders_are_refused() {
     let place = folder();
     let (_, scene) = fitted(place.path());
     let scene = scene.to_str().unwrap();

@@ -47,7 +47,7 @@ fn a_broken_file_does_not_keep_the_others_from_being_encoded() {
 }
 
 #[test]
-fn what_would_fail_for_all_images_fails_before_the_first() {
+fn errors_common_to_all_images_stop_the_run_at_its_start() {
     let place = folder();
     let photos = photos(place.path());
     let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();

@@ -41,7 +41,7 @@ fn rows_done(runs: &[Run]) -> BTreeMap<usize, usize> {
 }
 
 #[test]
-fn processes_that_are_killed_and_stopped_do_each_run_once_with_the_tables_of_one_process() {
+fn killed_and_stopped_processes_do_each_run_once() {
     let place = folder();
     let file = study(place.path());
     fs::write(&file, STUDY.replace("iterations = 60", "iterations = 600")).unwrap();

@@ -40,7 +40,7 @@ pub(crate) fn tables(output: &Path) -> BTreeMap<&'static str, String> {
 }
 
 #[test]
-fn a_study_killed_at_random_moments_ends_with_the_tables_of_one_never_stopped() {
+fn a_study_killed_at_random_resumes_to_the_same_tables() {
     let place = folder();
     let file = study(place.path());
     let (whole, killed) = (place.path().join("whole"), place.path().join("killed"));
@@ -245,7 +245,7 @@ fn a_folder_may_have_the_name_of_the_study_whose_results_it_holds() {
 }
 
 #[test]
-fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
+fn invalid_studies_are_refused_in_one_line_before_any_work() {
     let place = folder();
     let file = study(place.path());
     let output = place.path().join("out");

@@ -335,7 +335,7 @@ fn a_scene_is_judged_as_it_was_trained() {
 }
 
 #[test]
-fn rendered_images_are_trained_with_mip_unless_flags_or_the_first_scene_say_otherwise() {
+fn training_on_rendered_images_uses_mip_by_default() {
     let place = folder();
     let (dataset, _) = dataset_and_scene(place.path());
     make_blender(&dataset);
@@ -374,7 +374,7 @@ fn a_scene_of_which_nothing_is_to_be_seen_says_why() {
 }
 
 #[test]
-fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
+fn invalid_render_train_and_eval_commands_are_refused() {
     let place = folder();
     let (dataset, scene) = dataset_and_scene(place.path());
     let out = place.path().join("out.png");

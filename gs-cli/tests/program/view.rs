@@ -54,7 +54,7 @@ fn without_a_display_it_says_so_and_what_to_do() {
 // Elsewhere there is always a display, or no way to take it away.
 #[cfg(all(unix, not(target_os = "macos")))]
 #[test]
-fn levels_of_detail_are_opened_for_the_window_and_other_scenes_have_no_budget() {
+fn only_scenes_with_levels_of_detail_take_a_budget() {
     let place = folder();
     let (_, scene) = dataset_and_scene(place.path());
     let city = place.path().join("city/lod-meta.json");
@@ -68,7 +68,7 @@ fn levels_of_detail_are_opened_for_the_window_and_other_scenes_have_no_budget() 
 }
 
 #[test]
-fn what_cannot_be_viewed_is_refused_before_a_window_is_looked_for() {
+fn unviewable_inputs_are_refused_before_a_window_opens() {
     let place = folder();
     let (dataset, scene) = dataset_and_scene(place.path());
     let path = |name: &str| place.path().join(name);

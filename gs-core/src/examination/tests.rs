@@ -130,7 +130,7 @@ fn each_fault_is_found_in_2d() {
 /// A Gaussian whose variance overflows may still be drawn, and stays; one whose scale overflows
 /// cannot.
 #[test]
-fn what_is_drawn_from_afar_stays_however_large_it_is() {
+fn a_distant_gaussian_that_is_drawn_stays_however_large() {
     let camera = Camera::looking_forward(64, 48, 1.0);
     let perspective = Perspective::new(&camera, &RenderSettings::blended(Blend::Over));
     let drawn = |log_scale: f32| {

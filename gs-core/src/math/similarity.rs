@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_determines_nothing_has_none() {
+    fn degenerate_pairs_determine_no_similarity() {
         let none = |pairs: &[(DVec3, DVec3, f64)]| Similarity::between(pairs, DMat3::IDENTITY).is_none();
         assert!(none(&[]) && none(&[(DVec3::X, DVec3::Y, 0.0); 3]));
         assert!(none(&[(DVec3::X, DVec3::Y, 1.0), (DVec3::NAN, DVec3::Y, 1.0)]));

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_has_one_level_of_each_cell_and_keeps_the_budget_where_that_is_possible() {
+    fn a_cut_has_one_level_per_cell_within_a_possible_budget() {
         for (tree, camera) in cases() {
             let cells = tree.cells();
             let least: usize = cells.iter().map(|(_, levels)| levels.iter().map(|l| l.gaussians).min().unwrap()).sum();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_near_is_finer_and_what_is_out_of_sight_is_coarsest() {
+    fn near_cells_are_finest_and_cells_out_of_sight_coarsest() {
         let levels = vec![
             LodLevel { gaussians: 100, error: 0.0 },
             LodLevel { gaussians: 50, error: 0.01 },

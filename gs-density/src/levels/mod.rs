@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_alike_is_merged_first_and_without_an_error() {
+    fn duplicates_are_merged_first_and_without_error() {
         let mut scene = surface(64);
         (0..32).for_each(|i| scene.push(scene.gaussian(i)));
         let level = &levels(&scene, &(0..96).collect::<Vec<_>>(), &[64])[0];

@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_cap_refuses_may_go_to_pixels_of_no_weight() {
+    fn excess_over_the_cap_may_go_to_pixels_of_no_weight() {
         let weights = Plane::from_rows(20, 20, |y, row| row.fill(if y == 0 { 1.0 } else { 0.0 }));
         let map = DensityMap::from_weights(weights, 100, 0.3);
         let total: f64 = map.values().iter().map(|&v| f64::from(v)).sum();

@@ -319,7 +319,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_not_finite_goes_and_does_not_spread(
+    fn nonfinite_gaussians_are_removed_and_do_not_spread(
         (gaussians, mut gradients) in any_scene(), policy in any_policy(), spoilt in proptest::collection::vec(0usize..60, 0..5),
     ) {
         for index in &spoilt {

@@ -94,7 +94,7 @@ fn copies_go_where_opacity_is() {
 }
 
 #[test]
-fn where_gaussians_are_summed_the_parts_add_up() {
+fn copies_of_summed_gaussians_add_up_to_the_original() {
     let opaque = Gaussian2d { opacity_logit: f32::INFINITY, ..gaussian(0.5) };
     let scene: Scene2d = [opaque; 7].into_iter().collect();
     let plan = plan(&Mcmc::default().with(|s| s.percent = 100.0), &scene, None, 0.5, 1000);
@@ -106,7 +106,7 @@ fn where_gaussians_are_summed_the_parts_add_up() {
 }
 
 #[test]
-fn where_all_are_dead_none_goes() {
+fn dead_gaussians_stay_when_all_are_dead() {
     let broken = Gaussian2d { mean: Vec2::NAN, ..gaussian(0.5) };
     let scene: Scene2d = [gaussian(0.001), broken, gaussian(0.002)].into_iter().collect();
     let plan = plan(&Mcmc::default(), &scene, None, 0.5, 100);

@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_run_left_half_written_is_not_in_the_way() {
+    fn half_written_files_of_a_killed_run_do_not_block_a_claim() {
         let place = tempfile::tempdir().unwrap();
         let plots = place.path().join("plots");
         fs::create_dir(&plots).unwrap();
@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_run_left_half_written_goes() {
+    fn half_written_files_of_a_killed_run_are_removed() {
         let place = tempfile::tempdir().unwrap();
         fs::create_dir(place.path().join("runs")).unwrap();
         let left = ["runs/.gs-AbC123.tmp", ".gs-x9y8z7.tmp"].map(|name| place.path().join(name));

@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_reader_would_assume_anyway_is_not_lost() {
+    fn settings_readers_assume_by_default_are_not_lost() {
         let lost = |antialias, order, kept: TrainedWith| {
             TrainedWith { antialias: Some(antialias), order, ..TrainedWith::default() }.lost(&kept).next()
         };

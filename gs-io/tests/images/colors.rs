@@ -171,7 +171,7 @@ fn grey_has_profiles_too() {
 }
 
 #[test]
-fn what_cannot_be_converted_is_taken_as_it_is_and_said() {
+fn unusable_colour_profiles_are_ignored_with_a_remark() {
     let lab = ColorProfile::new_lab().encode().unwrap();
     let hdr = png_with(&[(CICP, &[9, 16, 0, 1])]);
     let unknown = png_with(&[(CICP, &[99, 13, 0, 1])]);

@@ -104,7 +104,7 @@ fn animation_reads_first_frame() {
 }
 
 #[test]
-fn of_several_pages_the_first_is_read_and_that_is_said() {
+fn only_the_first_page_is_read_with_a_remark() {
     let place = folder();
     let mut bytes = Cursor::new(Vec::new());
     rgb_pattern(6, 4).write_to(&mut bytes, ImageFormat::Tiff).unwrap();

@@ -296,7 +296,7 @@ fn empty_scenes_are_neither_read_nor_written() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_and_leaves_nothing() {
+fn unwritable_scenes_are_refused_and_leave_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, scene: &Scene3d, options: &WriteOptions3d| {
         write_3d(folder.path().join(name), scene, options).unwrap_err().to_string()

@@ -302,7 +302,7 @@ fn an_spz_that_names_its_axes_is_turned_from_those() {
 }
 
 #[test]
-fn what_is_lost_is_said() {
+fn conversion_losses_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut scene = samples::scene(4, 3);
     scene.rotations[1] = [2.0, 0.0, 0.0, 0.0];

@@ -101,7 +101,7 @@ fn a_dead_process_of_this_system_is_recognised_at_once() {
 }
 
 #[test]
-fn a_claim_of_another_machine_expires_by_the_file_servers_clock_and_is_taken_over_once() {
+fn claims_expire_by_the_servers_clock_and_are_taken_over_once() {
     let place = place();
     let (one, other) = (claims(place.path()), claims(place.path()));
     let now = one.store.now(RUNS).unwrap();
@@ -176,7 +176,7 @@ fn a_run_that_ended_while_it_was_claimed_is_not_done_again() {
 }
 
 #[test]
-fn what_the_dead_have_left_is_swept_and_the_rest_stays() {
+fn the_sweep_removes_stale_files_and_leaves_the_rest() {
     let place = place();
     let claims = claims(place.path());
     let old = claims.now().unwrap() - LEASE * 2;
@@ -268,7 +268,7 @@ fn check_that_each_run_is_done_once(processes: usize, runs: usize, shares: bool)
 }
 
 #[test]
-fn of_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
+fn crashed_or_stopped_workers_do_each_run_once() {
     check_that_each_run_is_done_once(150, 600, true);
 }
 

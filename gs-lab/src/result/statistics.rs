@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn where_there_is_no_difference_one_is_seen_in_five_of_a_hundred_studies() {
+    fn five_of_a_hundred_studies_differ_by_chance() {
         let mut rng = Rng::seed_from_u64(2);
         let studies = 400;
         let seen = (0..studies)
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_whose_views_are_related_seldom_show_a_difference_that_is_not_there() {
+    fn related_views_seldom_show_a_false_difference() {
         let mut rng = Rng::seed_from_u64(3);
         let studies = 150;
         // Four scenes from three seeds, each run with an error of its own that all its views share.

@@ -365,7 +365,7 @@ mod tests {
                          numbers = [{ what = 'n', arm = 'last', of = 'psnr' }]\n";
 
     #[test]
-    fn a_claim_that_cannot_be_judged_is_refused_with_its_line_and_the_allowed_names() {
+    fn an_unusable_claim_is_refused_with_its_line_and_valid_names() {
         assert!(Study::from_toml(STUDY, "x.toml").is_ok());
         for (from, to, expected) in [
             (

@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_study_is_said_with_its_place_and_mend() {
+    fn study_errors_give_the_place_and_the_remedy() {
         for (from, to, expected) in [
             ("seeds = [3, 4]", "seeds = []", "study `x`: seeds: there are none: name at least one"),
             ("seeds = [3, 4]", "seeds = [3, 3]", "seeds: 3 is listed twice"),

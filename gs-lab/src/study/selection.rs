@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_study_does_not_have_is_named_with_what_it_has() {
+    fn unknown_names_are_refused_with_the_available_ones() {
         let message = |selection: Selection| study().select(&selection).unwrap_err().to_string();
         let names = |name: &str| vec!["a".to_owned(), name.to_owned()];
         assert_eq!(

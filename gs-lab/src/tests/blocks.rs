@@ -319,7 +319,7 @@ fn a_block_may_end_without_a_gaussian() {
 }
 
 #[test]
-fn what_has_changed_is_refused() {
+fn changed_blocks_or_inputs_are_refused() {
     let (on, place) = (cpu(), tempfile::tempdir().unwrap());
     let (folder, views) = prepared(&on, &place.path().join("out"));
     let others = Views { train: views.train[1..].to_vec(), ..views.clone() };

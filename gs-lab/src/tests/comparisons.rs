@@ -162,7 +162,7 @@ fn runs_that_were_timed_in_other_ways_are_not_compared_by_time() {
 }
 
 #[test]
-fn who_leads_is_held_against_the_others_where_it_leads() {
+fn a_headline_compares_the_leader_where_it_leads() {
     let scenario = Scenario::new(6, 5, 3);
     // `c` ends after a fifth of the time and of the steps. Up to there `a` is ahead of `b`, later
     // behind.

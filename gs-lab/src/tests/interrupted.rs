@@ -91,7 +91,7 @@ fn check_that_no_stop_changes_a_record(plan: &Plan, alone: &StudyFolder, paused:
 }
 
 #[test]
-fn a_training_that_is_stopped_goes_on_and_ends_with_the_record_of_one_that_is_not() {
+fn a_stopped_training_resumes_to_the_same_record() {
     let place = scenes::place(1);
     let text = scenes::STUDY.replace("['one', 'two']", "['one']").replace("[0, 1, 2]", "[0]");
     let mut study = Study::from_toml(&text, "x.toml").unwrap();
@@ -105,7 +105,7 @@ fn a_training_that_is_stopped_goes_on_and_ends_with_the_record_of_one_that_is_no
 }
 
 #[test]
-fn a_fit_that_is_stopped_goes_on_and_ends_with_the_record_of_one_that_is_not() {
+fn a_stopped_fit_resumes_to_the_same_record() {
     let place = tempfile::tempdir().unwrap();
     let text = "name = 'x'\nimages = ['paper-64px']\nbudgets = [40]\nseeds = [0]\npreset = 'paper'\niterations = 60\n\
         [settings]\nrounds = { every = 10, from = 10, until = 50 }\n[[arm]]\nname = 'none'\nsettings.policy.kind = 'none'\n\
@@ -136,7 +136,7 @@ fn paused(path: &Path, plan: &Plan) -> (StudyFolder, PathBuf) {
 }
 
 #[test]
-fn a_checkpoint_that_is_damaged_or_of_another_run_is_left_aside_with_one_line() {
+fn a_damaged_or_foreign_checkpoint_is_ignored_with_one_line() {
     let place = scenes::place(1);
     let (plan, other) = (one_training(place.path(), 0), one_training(place.path(), 1));
     let alone = StudyFolder::prepare(&place.path().join("alone"), &plan, Existing::Refuse).unwrap();

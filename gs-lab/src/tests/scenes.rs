@@ -381,7 +381,7 @@ fn effects_of_factors_have_intervals() {
 }
 
 #[test]
-fn what_is_wrong_is_said_in_one_line_with_key_and_line() {
+fn study_errors_name_the_key_and_line_in_one_line() {
     let place = place(2);
     let failed = |from: &str, to: &str| laid_out(&STUDY.replacen(from, to, 1), place.path()).unwrap_err().to_string();
     for (from, to, expected) in [

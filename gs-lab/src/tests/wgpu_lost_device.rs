@@ -62,7 +62,7 @@ fn a_lost_device_stops_the_study_and_records_nothing() {
 }
 
 #[test]
-fn what_a_backend_does_not_offer_is_refused_before_any_run() {
+fn unsupported_settings_are_refused_before_any_run() {
     let arm = "[[arm]]\nname = 'smooth'\nsettings.policy.kind = 'none'\nsettings.render.accuracy.cut = 'smooth'\n";
     let plan = plan(&format!("{STUDY}{arm}"));
     let place = tempfile::tempdir().unwrap();

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_colour_is_found_under_details_and_noise_and_none_where_there_are_two() {
+    fn a_flat_colour_is_detected_despite_noise_and_few_details() {
         let of = |share: u32| {
             let pixel = |x: u32, y: u32| match x + 10 * y {
                 place if place < share => [(200 + place % 5) as f32 / 255.0 - 2.0 / 255.0, 0.5, 1.25],

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_work_is_refused() {
+    fn invalid_settings_are_refused() {
         type Spoil = fn(&mut FitSettings);
         let cases: [(&str, Spoil); 9] = [
             ("number of Gaussians", |s| s.gaussians = 0),
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn each_change_leaves_a_fit_that_is_possible_and_the_same_change_twice_is_one() {
+    fn changes_of_settings_are_consistent_and_idempotent() {
         let standard = || FitSettings::standard(1000);
         let over = standard().with_blend(Blend::Over, [0.5, 0.25, 1.0]);
         assert_eq!(over.render.background_color(), [0.5, 0.25, 1.0]);

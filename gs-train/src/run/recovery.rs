@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_a_reset_does_not_count() {
+    fn steps_after_a_reset_do_not_count() {
         let mut watch = Watch::default();
         watch.record(1, 0.5, 1);
         watch.record(2, 0.25, 1);

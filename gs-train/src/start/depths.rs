@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_other_view_confirms_is_left_out() {
+    fn depths_unconfirmed_by_another_view_are_left_out() {
         // Half of each map is wrong, in another way in each view.
         let found = points(
             &views(Some(1.0), |number, x, depth| if x < 10 { depth * (0.4 + 0.08 * number as f32) } else { depth }),

@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn what_all_views_lack_is_no_difference_between_images() {
+    fn an_error_common_to_all_views_is_no_exposure_difference() {
         // Views of other colours and with other errors.
         let taken = |(view, gain): (usize, f32)| -> Halves {
             let spread = |i: usize, by: f32| (by * (60 * view + i) as f32).fract();

@@ -451,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_work_is_refused() {
+    fn invalid_settings_are_refused() {
         type Spoil = fn(&mut TrainSettings);
         let cases: [(&str, Spoil); 13] = [
             ("average-last", |s| s.average_last = f32::NAN),

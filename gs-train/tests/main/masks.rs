@@ -16,7 +16,7 @@ use gs_train::{
 use pollster::FutureExt as _;
 
 #[test]
-fn what_is_masked_does_not_count() {
+fn masked_pixels_do_not_count() {
     let rasterizer = rasterizer();
     // The left half of every image is painted over, and masked.
     let spoiled = |masked: bool| {

@@ -61,7 +61,7 @@ fn a_fit_that_has_failed_at_its_end_ends_with_its_first_gaussians() {
 }
 
 #[test]
-fn the_summary_of_a_fit_that_went_back_is_that_of_the_scene_it_went_back_to() {
+fn the_summary_after_a_restart_describes_the_restored_scene() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let mut settings = hasty(Recovery::BeginAgain).with(|s| s.iterations = 50);
     (settings.adam.color.learning_rate, settings.adam.mean.learning_rate) = (1e6, 0.2);
@@ -155,7 +155,7 @@ fn a_fit_that_fails_again_and_again_goes_on_without_density_control() {
 }
 
 #[test]
-fn a_fit_that_is_resumed_after_it_began_again_ends_as_one_that_was_not_stopped() {
+fn resuming_after_a_restart_ends_like_an_uninterrupted_fit() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let settings = hasty(Recovery::BeginAgain).with(|s| s.rebin_every = 1);
     let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();

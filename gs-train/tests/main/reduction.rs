@@ -43,7 +43,7 @@ fn copies_are_merged_at_little_cost() {
 }
 
 #[test]
-fn what_no_camera_sees_is_removed_first() {
+fn gaussians_no_camera_sees_are_removed_first() {
     let on = rasterizer();
     let cameras: Vec<_> = (0..3).map(camera).collect();
     let mut scene = thirty();

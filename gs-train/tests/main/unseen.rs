@@ -22,7 +22,7 @@ fn trained(start: Start, settings: TrainSettings) -> (usize, u32) {
 }
 
 #[test]
-fn what_no_training_view_shows_is_removed_at_the_end() {
+fn gaussians_no_training_view_shows_are_removed_at_the_end() {
     // Behind the only camera, where another view may see it.
     let behind = 2.0 * camera(0).position();
     let mut scene: Scene3d = thirty();

@@ -40,7 +40,7 @@ checks! {
     /// An ε of 0 is refused.
     an_epsilon_of_zero_is_refused: epsilon_of_zero;
     /// Gaussians that are not finite are not in the final scene of a fit.
-    what_is_not_finite_is_not_in_a_fits_scene: fits_end_finite;
+    a_fits_scene_has_no_nonfinite_gaussians: fits_end_finite;
     /// A fit whose Gaussians leave the image ends with no higher loss than at its start.
     fits_end_no_worse_than_they_began: fits_end_no_worse;
     /// A fit whose loss overflows ends with an error.

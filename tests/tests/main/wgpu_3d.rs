@@ -172,7 +172,7 @@ fn results_have_the_same_bits_with_and_without_repeated_steps() {
 
 /// Steps that are repeated report their gradients by the camera once, and with the same bits.
 #[test]
-fn gradients_by_the_camera_have_the_same_bits_with_and_without_repeated_steps() {
+fn repeated_steps_leave_camera_gradients_bit_identical() {
     let mut draw = large();
     draw.settings.camera_gradient = true;
     let all = rates(Participants::All);

@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_request_is_refused() {
+    fn malformed_requests_are_refused() {
         for bytes in [&b""[..], b"GET / HTTP/1.1\r\nHost: h", b"\x16\x03\x01\x02\r\n\r\n", b"GET / HTTP/9\r\n\r\n"] {
             assert!(answered(&[bytes]).starts_with("HTTP/1.1 400"), "{bytes:?}");
         }

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_examples_fit_into_60_columns_where_a_wrapped_comment_would_be_no_toml() {
+    fn the_examples_fit_into_60_columns() {
         let longest = EXAMPLE.lines().chain(EXAMPLE_3D.lines()).map(str::len).max();
         assert!(longest <= Some(58), "{longest:?}");
     }

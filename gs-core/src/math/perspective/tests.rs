@@ -169,7 +169,7 @@ fn directions_and_their_gradients() {
 }
 
 #[test]
-fn what_is_left_out_has_a_cause() {
+fn each_culled_gaussian_has_a_cause() {
     let perspective = Perspective::new(&camera(), &settings(Antialias::None));
     let good = ellipsoid(MEANS[0]);
     let cause = |g: Ellipsoid| perspective.project(&g).unwrap_err();

@@ -230,7 +230,7 @@ fn powers_agree_with_powf() {
 }
 
 #[test]
-fn what_is_missing_or_out_of_range_is_refused() {
+fn missing_inputs_and_invalid_settings_are_refused() {
     let scene = scene(3);
     let residual = residual();
     let complete = Observation {

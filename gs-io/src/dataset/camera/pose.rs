@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pose_is_refused() {
+    fn invalid_poses_are_refused() {
         let spoilt = |i: usize, j: usize, value: f64| {
             let mut matrix = ABOVE;
             matrix[i][j] = value;

@@ -119,7 +119,7 @@ fn the_same_images_in_another_format_are_taken() {
 }
 
 #[test]
-fn what_cannot_be_used_is_counted() {
+fn unusable_images_and_points_are_counted() {
     let place = folder();
     let mut model = colmap(place.path(), 16);
     let images = place.path().join("images");

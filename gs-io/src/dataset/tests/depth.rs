@@ -150,7 +150,7 @@ fn unknown_values_are_0_and_distorted_maps_are_undistorted() {
 }
 
 #[test]
-fn what_is_no_depth_map_of_the_image_is_one_clear_error_where_it_is_used() {
+fn an_unusable_depth_map_is_one_clear_error_when_used() {
     let place = folder();
     colmap(place.path(), 1);
     fs::create_dir(place.path().join("depths")).unwrap();

@@ -210,7 +210,7 @@ proptest! {
     /// Undistorting inverts distorting, to a thousandth of a pixel at a focal length of 1,000 px,
     /// wherever the lens images.
     #[test]
-    fn what_is_distorted_comes_back(distortion in any_distortion(), angle in 0.0..6.3_f64, share in 0.0..0.98_f64) {
+    fn undistorting_inverts_distorting(distortion in any_distortion(), angle in 0.0..6.3_f64, share in 0.0..0.98_f64) {
         let lens = Lens::new(distortion).unwrap();
         prop_assert!(lens.max_angle() > 0.3, "{}", lens.max_angle());
         let ray = DVec2::from_angle(angle) * (share * lens.max_angle().min(1.3)).tan();
@@ -221,7 +221,7 @@ proptest! {
 
     /// Distorting inverts undistorting, for every pixel with a ray.
     #[test]
-    fn what_is_undistorted_returns(distortion in any_distortion(), x in 0.0..640.0_f64, y in 0.0..480.0_f64) {
+    fn distorting_inverts_undistorting(distortion in any_distortion(), x in 0.0..640.0_f64, y in 0.0..480.0_f64) {
         let source = SourceCamera {
             width: 640,
             height: 480,

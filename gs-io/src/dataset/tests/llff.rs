@@ -107,7 +107,7 @@ fn a_row_of_nan_or_without_focal_length_leaves_out_its_image() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn malformed_or_mismatched_poses_are_refused() {
     let place = folder();
     let file = place.path().join("poses_bounds.npy");
     let says = |bytes: Vec<u8>, words: &str| {

@@ -58,7 +58,7 @@ fn a_model_without_its_photographs_is_not_read() {
 }
 
 #[test]
-fn of_equal_models_an_undistorted_one_is_read() {
+fn an_undistorted_model_is_preferred_to_an_equal_one() {
     let place = folder();
     let mut whole = colmap(place.path(), 3);
     let dense = place.path().join("dense");

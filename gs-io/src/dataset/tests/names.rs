@@ -90,7 +90,7 @@ fn a_single_similar_name_is_taken_with_a_remark() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn of_several_similar_names_none_is_taken() {
+fn an_ambiguous_name_matches_no_file() {
     let place = folder();
     for file in ["AB.png", "ab.PNG.png"] {
         picture(place.path().join("images").join(file), 40, 30);

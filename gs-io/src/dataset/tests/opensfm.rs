@@ -166,7 +166,7 @@ fn the_folder_of_opendronemap_and_the_file_may_be_named() {
 }
 
 #[test]
-fn what_is_wrong_is_named() {
+fn malformed_files_are_refused_with_the_reason() {
     let place = folder();
     let says = |content: &Value, words: &str| {
         write(place.path(), content);

@@ -132,7 +132,7 @@ fn rows_that_cannot_be_used_are_counted() {
 }
 
 #[test]
-fn what_is_wrong_is_named() {
+fn malformed_files_are_refused_with_the_reason() {
     let place = folder();
     let says = |content: &str, words: &str| {
         write(place.path(), content);

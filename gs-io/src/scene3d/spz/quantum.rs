@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_counted() {
+    fn values_out_of_range_are_counted_as_clamped() {
         let mut packing = packing(&[]);
         packing.log_scale(Vec3::new(-11.0, 0.0, 7.0));
         packing.color(Vec3::new(4.0, 0.0, 0.0));

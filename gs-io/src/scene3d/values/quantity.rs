@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_almost_nothing_has_a_logarithm_and_what_cannot_be_is_seen() {
+    fn tiny_scales_have_logarithms_and_impossible_values_give_nan() {
         assert_eq!((log_of_scale(0.0), log_of_scale(-0.0)), (f32::NEG_INFINITY, f32::NEG_INFINITY));
         assert_eq!(log_of_scale(1e-42), gs_core::examination::SMALLEST_LOG_SCALE);
         assert!(log_of_scale(-1.0).is_nan() && log_of_scale(f32::NAN).is_nan());

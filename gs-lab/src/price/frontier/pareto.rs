@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_beaten_is_not_on_the_frontier() {
+    fn beaten_points_are_not_on_the_frontier() {
         let noise = Noise { factor: 1.05, again: 1.0 };
         let points = [
             (1.0, 1e-2),

@@ -179,7 +179,7 @@ fn all_forms_of_the_result_have_all_rows() {
 /// Settings that a backend does not support, alone or without cut-offs, are listed, and
 /// the search goes on.
 #[test]
-fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
+fn unsupported_settings_are_listed_and_the_search_goes_on() {
     let scene = scene();
     let shown = RenderSettings::blended(Blend::Over);
     let refusals: [(Refuses, &str); 2] = [
@@ -202,7 +202,7 @@ fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
 
 /// A picture with NaN or ∞ at any pixel has an infinite error.
 #[test]
-fn what_is_not_a_number_is_not_exact() {
+fn a_picture_with_nan_or_infinity_has_an_infinite_error() {
     let scene = scene();
     let sweep = sweep(&scene, Blend::Sum);
     let view = Canvas::new(64, 48);
@@ -224,7 +224,7 @@ fn nothing_to_look_at_is_an_error() {
 }
 
 #[test]
-fn what_renders_is_timed() {
+fn rendering_time_is_positive_and_finite() {
     let scene = scene();
     let seconds = loaded(&scene).seconds(&Canvas::new(64, 48), &RenderSettings::blended(Blend::Sum)).unwrap();
     assert!(seconds > 0.0 && seconds.is_finite(), "{seconds}");

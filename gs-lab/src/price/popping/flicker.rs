@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_display_shows_does_not_flicker_and_other_sizes_are_refused() {
+    fn values_above_white_do_not_flicker_and_sizes_must_match() {
         let white = |level: f32| Image::filled(16, 12, [level; 3]).unwrap();
         let above = [white(1.0), white(1.7), white(1.2)];
         assert_eq!(flicker(above.each_ref()).unwrap().mean_square(), 0.0);

@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_gaussians_those_that_matter_most_are_drawn() {
+    fn the_most_visible_of_many_gaussians_are_drawn() {
         let mut picture = Image::filled(64, 64, [1.0; 3]).unwrap();
         let faint = |x, y, sigma| Gaussian2d { opacity_logit: -9.0, ..circle(x, y, sigma) };
         let mut scene: Scene2d = (0..4000).map(|i| circle((i % 64) as f32, (i / 64) as f32, 0.3)).collect();

@@ -78,7 +78,7 @@ fn a_run_done_twice_must_have_one_result_and_the_first_record_stays() {
 }
 
 #[test]
-fn a_result_that_cannot_be_stored_ends_the_work_and_leaves_the_run_to_others() {
+fn a_failed_store_ends_the_work_and_releases_the_run() {
     let place = place();
     let plan = laid_out(study(), place.path());
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();

@@ -42,7 +42,7 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
 }
 
 #[test]
-fn what_is_finished_is_not_done_again_and_what_is_new_is() {
+fn finished_runs_are_not_repeated_and_new_ones_are_done() {
     let place = place();
     let output = place.path().join("out");
     let plan = laid_out(study(), place.path());

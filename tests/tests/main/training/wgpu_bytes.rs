@@ -110,7 +110,7 @@ fn a_step_of_a_fit_moves_few_bytes_whatever_the_policy() {
 
 /// Policies that seed where the residual is large are for images only.
 #[test]
-fn a_step_of_training_moves_few_bytes_whatever_the_policy_with_and_without_masks() {
+fn a_training_step_moves_few_bytes_with_any_policy_or_mask() {
     let wgpu = wgpu();
     let mut tested = 0;
     for name in Policy::NAMES {

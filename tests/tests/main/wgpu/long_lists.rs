@@ -87,7 +87,7 @@ fn limit(error: &Error) -> usize {
 }
 
 #[test]
-fn a_list_beyond_the_limit_is_an_error_and_one_at_the_limit_matches_the_cpu() {
+fn lists_up_to_the_limit_match_the_cpu_and_longer_ones_fail() {
     let long = in_one_tile(MANY);
     for blend in [Blend::Sum, Blend::Over] {
         let settings = RenderSettings::blended(blend).on([0.1, 0.2, 0.3]);

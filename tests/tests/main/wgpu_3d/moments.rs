@@ -131,7 +131,7 @@ fn in_formats(r: &WgpuRasterizer, formats: &[MomentFormat], restores: bool) -> (
 }
 
 #[test]
-fn a_run_goes_on_bit_for_bit_after_restoring_repeated_steps_and_changes_of_the_format() {
+fn a_run_is_bit_identical_after_restores_and_repeated_steps() {
     use MomentFormat::{Bf16, F32};
     for formats in [&[Bf16; 4][..], &[F32, Bf16, Bf16, F32]] {
         let r = WgpuRasterizer::new(WgpuSettings::default()).block_on().unwrap();
