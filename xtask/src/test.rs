@@ -13,9 +13,10 @@ const NEEDS_ADAPTER: &str = "wgpu";
 /// Runs all the tests. The first group that fails ends the run.
 pub(crate) fn run(options: Options) -> Result<(), String> {
     report_data();
+    // All at once, which keeps all cores busy. A test of gs-backend runs `window`.
+    let all = ["--lib", "--bins", "--tests", "--example", "adapters", "--example", "window"];
+    cargo(&[&["build", "--locked", "--workspace"], &all[..]].concat())?;
     let adapter = find_adapter(options.install)?;
-    // A test of gs-backend runs it.
-    built_example("window")?;
     let skip: &[&str] = if adapter { &[] } else { &["--", "--skip", NEEDS_ADAPTER] };
     if output(Command::new(cargo_program()).args(["nextest", "--version"])).is_ok() {
         // nextest runs the test programs side by side, but no documentation tests.
