@@ -4,7 +4,7 @@ use std::{io, path::PathBuf};
 
 use thiserror::Error;
 
-use crate::program::{Program, dotted};
+use crate::colmap::program::{Program, dotted};
 
 /// An error of finding the poses of photographs.
 #[derive(Debug, Error)]

@@ -8,8 +8,6 @@ mod inspection;
 mod model;
 mod observer;
 mod plan;
-mod process;
-mod program;
 mod run;
 mod settings;
 mod upright;

@@ -10,7 +10,10 @@ use gs_io::OutputFolder;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    colmap::{Arguments, Colmap, Compared, Place},
+    colmap::{
+        Arguments, Colmap, Compared, Place,
+        process::{Log, features_in, finds_nothing, fraction, lacks_tree},
+    },
     error::Error,
     gps::align,
     input::photographs::{Exif, Identity, Photograph, Photographs, identity},
@@ -19,7 +22,6 @@ use crate::{
     model::{self, Model, models_in},
     observer::{Observer, Stage},
     plan::{OVERLAP, Plan, pairs_by_time},
-    process::{Log, features_in, finds_nothing, fraction, lacks_tree},
     settings::Settings,
     upright::upright,
     verdict::Verdict,

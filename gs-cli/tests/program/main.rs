@@ -19,6 +19,7 @@ mod ply;
 mod poses;
 mod poses_found;
 mod poses_neighbours;
+mod poses_pycolmap;
 mod poses_refined;
 mod poses_video;
 mod price;

@@ -24,7 +24,6 @@ mod format;
 mod formats;
 mod gltf;
 mod ksplat;
-pub(crate) mod number;
 mod options;
 mod parts;
 pub(crate) mod ply;
@@ -35,7 +34,7 @@ mod splat;
 mod spz;
 mod streamed;
 mod trained_with;
-mod values;
+pub(crate) mod values;
 mod whole;
 
 use std::path::Path;

@@ -11,9 +11,9 @@ use crate::{
     dataset::{FILE, Remark, read::WorldPoint},
     error::Error,
     scene3d::{
-        number::Number,
         ply::{self, Element, Header, Value},
         source::Source,
+        values::Number,
     },
 };
 

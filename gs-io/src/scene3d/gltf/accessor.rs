@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    scene3d::{number::Number, source::Source},
+    scene3d::{source::Source, values::Number},
 };
 
 /// The number type of a component by glTF's and OpenGL's code.

@@ -2,7 +2,7 @@
 
 use crate::{
     error::Error,
-    scene3d::{TrainedWith, number::Number, source::Source},
+    scene3d::{TrainedWith, source::Source, values::Number},
 };
 
 /// The encoding of rows.

@@ -22,10 +22,9 @@ pub(crate) use self::header::{Element, Header, Value};
 use super::{
     Encoded3d, File3d, Format3d, WriteOptions3d,
     conversion_loss::ConversionLoss,
-    number::Number,
     options::ToWrite,
     source::Source,
-    values::{MAX_DEGREE, degree_of_rest, finite_logit, rest_of_degree},
+    values::{MAX_DEGREE, Number, degree_of_rest, finite_logit, rest_of_degree},
 };
 use crate::{WorldFrame, error::Error};
 

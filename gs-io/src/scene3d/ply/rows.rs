@@ -3,7 +3,7 @@
 use super::header::{Element, Encoding, Header, Value};
 use crate::{
     error::Error,
-    scene3d::{number::Number, source::Source},
+    scene3d::{source::Source, values::Number},
 };
 
 /// Calls `row` with the chosen columns of each row of the element at `start`, and returns where the

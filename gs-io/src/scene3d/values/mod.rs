@@ -2,6 +2,7 @@
 //! spherical harmonics, unit quaternions, other axes, and what rounding did to them.
 
 mod flips;
+mod number;
 mod quantity;
 mod rounding;
 mod sh_degree;
@@ -12,6 +13,7 @@ mod unit;
 pub use self::rounding::Rounding;
 pub(crate) use self::{
     flips::Flips,
+    number::Number,
     quantity::{
         byte_of_logit, finite_logit, log_of_scale, logit_of_opacity, logit_of_step, opacity_of_logit, scale_of_log,
     },

@@ -10,7 +10,7 @@ use std::{
 
 use serde::Deserialize;
 
-use crate::{error::Error, process::PAUSE};
+use crate::{colmap::process::PAUSE, error::Error};
 
 /// Frames that are read before they are taken.
 const AHEAD: usize = 16;

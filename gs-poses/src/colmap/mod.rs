@@ -1,14 +1,17 @@
 //! COLMAP's version, and the names of its options.
 
+pub(crate) mod process;
+pub(crate) mod program;
+
 use std::{
     path::{Path, PathBuf},
     process::Command,
 };
 
+use self::program::{Program, dotted, said};
 use crate::{
     error::Error,
     plan::{Group, Plan},
-    program::{Program, dotted, said},
     settings::Settings,
 };
 

@@ -10,7 +10,8 @@ use std::{
     time::Duration,
 };
 
-use crate::{colmap::Arguments, error::Error, program::Program};
+use super::{Arguments, program::Program};
+use crate::error::Error;
 
 /// How often the caller is asked whether to go on.
 pub(crate) const PAUSE: Duration = Duration::from_millis(100);
