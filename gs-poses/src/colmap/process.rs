@@ -126,7 +126,7 @@ pub(crate) fn finds_nothing(error: &str) -> bool {
     error.contains("failed to create") && error.contains("sparse model")
 }
 
-/// Whether an error is that of a vocabulary tree that cannot be fetched or read.
+/// Whether an error says that a vocabulary tree cannot be fetched or read.
 pub(crate) fn lacks_tree(error: &str) -> bool {
     let error = error.to_lowercase();
     ["download", "vocab", "http", "index"].iter().any(|word| error.contains(word))
