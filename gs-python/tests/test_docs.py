@@ -29,6 +29,7 @@ def test_the_examples_run(
     monkeypatch.chdir(tmp_path)
     gs.write_png("photo.png", image)
     scene_3d.save("bicycle.spz")
+    scene_3d.save("city/lod-meta.json")
     Path("study.toml").write_text(STUDY)
     Path("out").mkdir()
     Path("out/settings.toml").write_text("gaussians = 40\niterations = 20\n")

@@ -110,6 +110,61 @@ def test_3d_files(scene_3d: gs.Scene3d, tmp_path: Path, name: str) -> None:
     assert len(loaded) == len(scene_3d)
 
 
+@pytest.fixture
+def city(tmp_path: Path) -> Path:
+    """A streamed SOG with a single cell around z = 5, with seven levels of 256 to 4 Gaussians."""
+    rng = np.random.default_rng(3)
+    n = 256
+    scene = gs.Scene3d(
+        (rng.uniform(-1, 1, (n, 3)) + [0, 0, 5]).astype(np.float32),
+        np.full((n, 3), -3, np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
+        np.full(n, 1, np.float32),
+        rng.uniform(-0.5, 1, (n, 1, 3)).astype(np.float32),
+    )
+    file = tmp_path / "city" / "lod-meta.json"
+    scene.save(file)
+    return file
+
+
+def test_levels_of_detail(city: Path) -> None:
+    near = gs.Camera(640, 480, fx=600.0)
+    away = near.looking_at([0, 0, 0], [0, 0, -1])
+    far = near.looking_at([0, 0, -995], [0, 0, 5])
+    assert len(gs.load(city)) == 256
+    for path in [city, city.parent]:
+        assert len(gs.load(path, cameras=[near])) == 256
+    for cameras in [[], [away]]:
+        assert len(gs.load(city, cameras=cameras)) == 4
+    assert len(gs.load(city, cameras=[far])) < 256
+    assert len(gs.load(city, cameras=(far, near))) == 256
+    counts = [len(gs.load(city, cameras=[near], max_gaussians=most)) for most in [4, 100, 256]]
+    assert counts == [4, 64, 256]
+    exact = gs.render(gs.load(city), near)
+    assert np.array_equal(gs.render(gs.load(city, cameras=[near]), near), exact)
+    with pytest.warns(UserWarning, match="the coarsest levels have 4 Gaussians"):
+        assert len(gs.load(city, cameras=[near], max_gaussians=3)) == 4
+
+
+def test_levels_of_detail_are_refused(city: Path, scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
+    with pytest.raises(ValueError, match="max_gaussians: needs cameras"):
+        gs.load(city, max_gaussians=10)
+    with pytest.raises(ValueError, match="max_gaussians: at least 1"):
+        gs.load(city, cameras=[camera], max_gaussians=0)
+    for wrong in [camera, 3, [camera, None]]:
+        with pytest.raises(TypeError, match="cameras: expected a sequence of Camera"):
+            gs.load(city, cameras=wrong)  # type: ignore[arg-type]
+    file = city.parent / "scene.ply"
+    scene_3d.save(file)
+    with pytest.raises(ValueError, match=r"cameras: .*scene.ply has no levels of detail"):
+        gs.load(file, cameras=[camera])
+    with pytest.raises(OSError, match="nothing.ply"):
+        gs.load("nothing.ply", cameras=[camera])
+    city.write_text("{}")
+    with pytest.raises(OSError, match=r"lod-meta.json"):
+        gs.load(city, cameras=[camera])
+
+
 def test_edited_scenes(scene_3d: gs.Scene3d, tmp_path: Path) -> None:
     scene_3d.save(tmp_path / "scene.ply")
     edited = scene_3d.edited("scale=2", "move=0,0,1", f"add={tmp_path / 'scene.ply'}")

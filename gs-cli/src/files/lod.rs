@@ -2,14 +2,11 @@
 
 use std::path::Path;
 
-use gs_core::{Camera, LodCut, Scene as _};
+use gs_core::{Camera, LodCut, LodNode, Scene as _};
 use gs_io::{File3d, Format3d, StreamedSog, format_3d};
 
 use super::scene;
 use crate::{failure::Failure, terminal::output};
-
-/// The largest error of a part of the scene that is not drawn finer, px.
-const ERROR_PX: f32 = 1.0;
 
 /// The most Gaussians that a window draws by default.
 #[cfg(feature = "viewer")]
@@ -69,6 +66,6 @@ impl Lod {
     }
 
     fn cut(&self, cameras: &[Camera]) -> Result<LodCut, Failure> {
-        Ok(self.file.tree().cut(cameras, self.budget, ERROR_PX)?)
+        Ok(self.file.tree().cut(cameras, self.budget, LodNode::USUAL_ERROR_PX)?)
     }
 }

@@ -79,6 +79,9 @@ pub struct LodCut {
 }
 
 impl LodNode {
+    /// The `error_px` of [`Self::cut`] for pictures that should look like the finest level, px.
+    pub const USUAL_ERROR_PX: f32 = 1.0;
+
     /// The box around all Gaussians.
     pub fn bounds(&self) -> &Bounds {
         match self {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Callable, Literal, final
 
 import numpy as np
@@ -254,13 +254,28 @@ class Scene3d:
         """The scene from slightly above, for notebooks."""
     def __len__(self) -> int: ...
 
-def load(path: Path) -> Scene2d | Scene3d:
+def load(
+    path: Path, *, cameras: Sequence[Camera] | None = None, max_gaussians: int | None = None
+) -> Scene2d | Scene3d:
     """Read a scene: a scene file, a checkpoint, or an output folder of ``gs``.
 
     2D scenes are ``.gs2d.safetensors`` and ``.gsi`` files. 3D scenes are PLY files (also
     compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG, streamed SOG and glTF files.
 
+    Of a streamed SOG (``lod-meta.json``, or its folder), the finest level is read, or with
+    ``cameras`` only the levels of detail that these need, as for ``gs render --max-gaussians``.
+
+    :param cameras: read each cell of a streamed SOG in the coarsest level whose error is at most
+        1 px in all of these cameras, in images of their size. Cells that no camera sees are read
+        in their coarsest level, so an empty list reads the coarsest scene.
+    :param max_gaussians: with ``cameras``, read at most this many Gaussians, at least 1; where they
+        do not suffice for 1 px, the cells with the largest errors get finer levels first. By
+        default there is no limit. The environment, which all levels share, is not counted. If the
+        coarsest levels alone have more Gaussians, they are read with a Python warning.
     :raises OSError: for a file that cannot be read or is damaged.
+    :raises TypeError: for ``cameras`` that are not a sequence of :class:`Camera`.
+    :raises ValueError: for ``cameras`` and a file without levels of detail, for ``max_gaussians``
+        without ``cameras``, and for a ``max_gaussians`` of 0.
     """
 
 def render(

@@ -1,12 +1,18 @@
 //! `Scene3d`: the Gaussians of a 3D scene.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use bytemuck::cast_slice;
 use glam::Vec3;
 use gs_backend::block_on;
-use gs_core::{Rasterizer as _, RenderSettings, Scene as _, math::sh, view::Bulk};
-use gs_io::{AnyScene, Done, Edit, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
+use gs_core::{LodNode, Rasterizer as _, RenderSettings, Scene as _, math::sh, view::Bulk};
+use gs_io::{
+    AnyScene, Done, Edit, File3d, Format3d, StreamedSog, TrainedWith, Values as AllowedValues, WorldFrame,
+    WriteOptions3d,
+};
 use gs_train::{edit::ViewEditor, train::Views};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{
@@ -15,7 +21,7 @@ use pyo3::{
     types::{PyAny, PyBytes, PyDict},
 };
 
-use super::scene2d::Scene2d;
+use super::{camera::Camera, scene2d::Scene2d};
 use crate::{
     backend,
     convert::{
@@ -43,6 +49,11 @@ impl Scene3d {
             trained.order = settings.map(|settings| settings.effects.order);
             trained.frame = frame;
         });
+        Self { scene: Arc::new(scene), trained_with, settings }
+    }
+
+    /// The scene of a file.
+    fn of_file(File3d { scene, trained_with, settings, .. }: File3d) -> Self {
         Self { scene: Arc::new(scene), trained_with, settings }
     }
 
@@ -213,15 +224,52 @@ impl Scene3d {
 
 #[doc = doc!("load")]
 #[pyfunction]
-pub(crate) fn load(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyAny>> {
+#[pyo3(signature = (path, *, cameras = None, max_gaussians = None))]
+pub(crate) fn load(
+    py: Python<'_>,
+    path: PathBuf,
+    cameras: Option<&Bound<'_, PyAny>>,
+    max_gaussians: Option<u32>,
+) -> PyResult<Py<PyAny>> {
+    if let Some(cameras) = cameras {
+        return Scene3d::of_file(levels(py, &path, cameras, max_gaussians)?).into_py_any(py);
+    }
+    if max_gaussians.is_some() {
+        return Err(errors::value("max_gaussians", "needs cameras, for which the levels of detail are chosen"));
+    }
     let file = errors::computed(py, || gs_io::read_scene(path, AllowedValues::Checked))?;
     match file.scene {
         AnyScene::TwoD(file) => Scene2d::of_file(*file).into_py_any(py),
-        AnyScene::ThreeD(file) => {
-            let File3d { scene, trained_with, settings, .. } = *file;
-            Scene3d { scene: Arc::new(scene), trained_with, settings }.into_py_any(py)
-        }
+        AnyScene::ThreeD(file) => Scene3d::of_file(*file).into_py_any(py),
     }
+}
+
+/// Reads the levels of a streamed SOG that these cameras need.
+fn levels(py: Python<'_>, path: &Path, cameras: &Bound<'_, PyAny>, max_gaussians: Option<u32>) -> PyResult<File3d> {
+    let Ok(cameras) = cameras.extract::<Vec<Bound<'_, Camera>>>() else {
+        return Err(errors::wrong_type("cameras", "a sequence of Camera", cameras));
+    };
+    if max_gaussians == Some(0) {
+        return Err(errors::value("max_gaussians", "at least 1"));
+    }
+    let cameras: Vec<_> = cameras.iter().map(|camera| camera.get().camera).collect();
+    let budget = max_gaussians.map_or(usize::MAX, |most| most as usize);
+    let found = if path.is_dir() { gs_io::readable_in(path) } else { None };
+    let path = found.as_deref().unwrap_or(path);
+    if errors::computed(py, || gs_io::format_3d(path))? != Some(Format3d::StreamedSog) {
+        let problem = format!(
+            "{} has no levels of detail; a streamed SOG has, which scene.save(\"FOLDER/lod-meta.json\") writes",
+            path.display()
+        );
+        return Err(errors::value("cameras", problem));
+    }
+    let streamed = errors::computed(py, || StreamedSog::open(path))?;
+    let cut = errors::computed(py, || streamed.tree().cut(&cameras, budget, LodNode::USUAL_ERROR_PX))?;
+    if cut.gaussians > budget {
+        let note = format!("max_gaussians: the coarsest levels have {} Gaussians", cut.gaussians);
+        py.import("warnings")?.call_method1("warn", (note,))?;
+    }
+    errors::computed(py, || streamed.read(&cut.levels))
 }
 
 /// A camera slightly above a scene that has most of it in view.
