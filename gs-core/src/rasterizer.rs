@@ -28,7 +28,9 @@ use crate::{
 };
 
 /// Gives a rasterizer of both kinds of scenes the methods `for_2d` and `for_3d`.
-#[doc(hidden)]
+///
+/// The type must be of the calling crate, and implement [`Profiler`](crate::profile::Profiler) for
+/// [`Scene2d`](crate::Scene2d) and [`Scene3d`](crate::Scene3d).
 #[macro_export]
 macro_rules! impl_for_kinds {
     ($rasterizer:ty) => {
@@ -218,7 +220,7 @@ pub trait Rasterizer<S: Scene>: Backend {
     /// [`Error::State`] where the forward pass did not ask for it, [`Error::Backend`] where the
     /// device is lost.
     fn camera_gradient(&self, _gradients: &Self::Gradients) -> impl Future<Output = Result<CameraGradient, Error>> {
-        async { Err(CameraGradient::not_asked_for()) }
+        async { Err(CameraGradient::not_requested()) }
     }
 
     /// Downloads the scene.

@@ -203,7 +203,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     }
 
     async fn camera_gradient(&self, gradients: &Gradients<S>) -> Result<CameraGradient, Error> {
-        S::camera_gradient(gradients.workspace()).ok_or_else(CameraGradient::not_asked_for)
+        S::camera_gradient(gradients.workspace()).ok_or_else(CameraGradient::not_requested)
     }
 
     /// Also frees the buffers of passes, so that the scene does not add to them: a round of density

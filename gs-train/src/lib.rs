@@ -25,8 +25,6 @@ mod start;
 pub mod train;
 mod views;
 
-#[doc(hidden)]
-pub use crate::run::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     encode::{
         EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, draw_picture,
@@ -38,9 +36,9 @@ pub use crate::{
         PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, Preset, Tune, fit, init, mean_color, paper_target,
     },
     run::{
-        Clamped, Control, CustomPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,
-        Quality, Recovery, Rounds, SettingsFile, Shortfall, Suspect, Trainable, Trainer, parse_json, parse_settings,
-        settings_to_toml,
+        Clamped, Control, CustomPolicy, FreshStart, ImageQuality, LoopSettings, MetricsLog, MetricsRow, Observer,
+        Outcome, Progress, Quality, Recovery, Rounds, RunSettings, SettingsFile, Shortfall, Suspect, Trainable,
+        Trainer, parse_json, parse_settings, settings_to_toml,
     },
     train::{TrainPreset, TrainSettings, Trainer3d},
 };

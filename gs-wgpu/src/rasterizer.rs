@@ -218,7 +218,7 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     }
 
     async fn camera_gradient(&self, gradients: &Gradients<S>) -> Result<CameraGradient, Error> {
-        gradients.by_camera.ok_or_else(CameraGradient::not_asked_for)
+        gradients.by_camera.ok_or_else(CameraGradient::not_requested)
     }
 
     async fn download(&self, splats: &Splats<S>) -> Result<S, Error> {

@@ -20,7 +20,8 @@ pub trait Choice: Copy + Send + Sync + 'static {
 }
 
 /// Declares an enum whose values have names. Settings files (serde), flags and messages (`Display`)
-/// use these names. A value that is offered to users also has a summary.
+/// use these names. A value that is offered to users also has a summary. The calling crate needs
+/// `serde` with its feature `derive`.
 ///
 /// ```
 /// use gs_core::Choice as _;
@@ -41,7 +42,6 @@ pub trait Choice: Copy + Send + Sync + 'static {
 /// assert_eq!(Fruit::ALL.map(Fruit::name), ["apple", "pear"]);
 /// assert_eq!(Fruit::Pear.summary(), "Keeps for days");
 /// ```
-#[doc(hidden)]
 #[macro_export]
 macro_rules! choices {
     (

@@ -13,8 +13,8 @@ use crate::{
     error::Error,
 };
 
-/// Gives settings types a method `with`, by which code outside of their crate changes fields.
-#[doc(hidden)]
+/// Gives settings types a method `with`, by which code outside of their crate changes fields, even
+/// where they are `#[non_exhaustive]`.
 #[macro_export]
 macro_rules! impl_with {
     ($($settings:ty),+ $(,)?) => {$(

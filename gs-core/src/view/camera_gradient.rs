@@ -43,8 +43,7 @@ impl CameraGradient {
 
     /// The error of [`Rasterizer::camera_gradient`](crate::Rasterizer::camera_gradient) for a
     /// forward pass that did not ask for the gradient.
-    #[doc(hidden)]
-    pub fn not_asked_for() -> Error {
+    pub fn not_requested() -> Error {
         Error::State(
             "there is no gradient by the camera, because the forward pass did not ask for it by \
              RenderSettings::camera_gradient"

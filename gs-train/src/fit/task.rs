@@ -15,7 +15,7 @@ use super::{settings::FitSettings, summary::FitSummary};
 use crate::{
     error::Error,
     run::{
-        At, Clamped, Quality, Record, RunSettings, SceneTask, StepContext, Trainer, TrainingTask, random, same_settings,
+        At, Clamped, Quality, Record, RunSettings, StepContext, Trainable, Trainer, TrainingTask, random, same_settings,
     },
 };
 
@@ -34,7 +34,7 @@ impl<R: Optimizer<Scene2d>> std::fmt::Debug for ImageTask<R> {
     }
 }
 
-impl SceneTask for Scene2d {
+impl Trainable for Scene2d {
     type Settings = FitSettings;
     type TrainingTask<R: Optimizer<Self>> = ImageTask<R>;
 

@@ -21,7 +21,7 @@ pub(crate) use self::{
     checkpoint::{Record, digest, fingerprint, table, to_table},
     quality::{infinite_where_null, psnr_float},
     settings_file::in_a_file,
-    task::{At, LoopSettings, StepContext, same_settings},
+    task::{At, StepContext, TrainingTask, same_settings},
     trainer::{Average, random},
 };
 pub use self::{
@@ -34,6 +34,6 @@ pub use self::{
     settings_file::{SettingsFile, parse_json, parse_settings, settings_to_toml},
     shortfall::Shortfall,
     suspect::Suspect,
-    task::{RunSettings, SceneTask, Trainable, TrainingTask},
+    task::{LoopSettings, RunSettings, Trainable},
     trainer::{CustomPolicy, Outcome, Trainer},
 };

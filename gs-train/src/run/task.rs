@@ -13,13 +13,9 @@ use crate::error::Error;
 /// settings are [`FitSettings`](crate::FitSettings), and [`Scene3d`](gs_core::Scene3d), whose
 /// settings are [`TrainSettings`](crate::TrainSettings).
 ///
-/// Sealed: what the training loop needs of a kind of scene changes with the loop.
-pub trait Trainable: SceneTask {}
-
-impl<S: SceneTask> Trainable for S {}
-
-/// The sealed part of [`Trainable`].
-pub trait SceneTask: DensityScene + Examinable {
+/// Other crates cannot implement it, because its type [`TrainingTask`](Self::TrainingTask) needs a
+/// trait of this crate: what the training loop needs of a kind of scene changes with the loop.
+pub trait Trainable: DensityScene + Examinable {
     /// Everything that a run depends on besides images and backend.
     type Settings: RunSettings<Self>;
     /// The part of the loop that knows the images.
@@ -57,7 +53,7 @@ impl Suspect {
     }
 }
 
-/// The settings of a run that the loop reads as they are.
+/// The settings of a run that both kinds of training have: [`RunSettings::of_loop`] returns them.
 #[derive(Debug, Clone, Copy)]
 pub struct LoopSettings<'s> {
     /// Number of steps.
@@ -78,8 +74,9 @@ pub struct LoopSettings<'s> {
     pub recovery: Recovery,
 }
 
-/// Settings of a run as the loop needs them.
-pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
+/// Settings of a run as the training loop reads them: [`FitSettings`](crate::FitSettings) and
+/// [`TrainSettings`](crate::TrainSettings).
+pub trait RunSettings<S: Trainable>: SettingsFile + Clone + Debug + PartialEq {
     /// Format name in checkpoints, so that a checkpoint of another kind of training is refused.
     const FORMAT: &'static str;
 
@@ -158,7 +155,7 @@ pub struct StepContext {
 
 /// The state of a run that a task is asked about.
 #[expect(missing_debug_implementations, reason = "splats have none")]
-pub struct At<'r, R: Optimizer<S>, S: SceneTask> {
+pub struct At<'r, R: Optimizer<S>, S: Trainable> {
     /// The backend.
     pub on: &'r R,
     /// The Gaussians.
@@ -172,7 +169,7 @@ pub struct At<'r, R: Optimizer<S>, S: SceneTask> {
 
 /// The part of the loop that knows the target images.
 #[expect(async_fn_in_trait, reason = "the trait is sealed, and its futures are not `Send`")]
-pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
+pub trait TrainingTask<R: Optimizer<S>, S: Trainable> {
     /// Whether there are views to gather evidence from.
     const HAS_VIEWS: bool;
 

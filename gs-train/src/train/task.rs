@@ -25,7 +25,7 @@ use crate::views::{Images, Order, PosedView, STAND_INS, Views, images, possible,
 use crate::{
     error::Error,
     memory::{self, READ_AHEAD},
-    run::{At, Clamped, Quality, SceneTask, StepContext, TrainingTask},
+    run::{At, Clamped, Quality, StepContext, Trainable, TrainingTask},
 };
 
 /// Stream of random numbers for backgrounds.
@@ -93,7 +93,7 @@ impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
     }
 }
 
-impl SceneTask for Scene3d {
+impl Trainable for Scene3d {
     type Settings = TrainSettings;
     type TrainingTask<R: Optimizer<Self>> = ViewsTask<R>;
 

@@ -139,7 +139,6 @@ mod tests {
     use gs_core::Scene2d;
 
     use super::*;
-    use crate::run::SceneTask as _;
 
     #[test]
     fn at_most_32_scenes_are_averaged_evenly_and_the_last_one_always() {

@@ -275,7 +275,7 @@ impl Rasterizer<Scene3d> for Faulty {
     async fn camera_gradient(&self, gradients: &Gradients) -> Result<CameraGradient, Error> {
         match gradients.camera {
             None if self.is(AnswersUnasked) => Ok(CameraGradient::default()),
-            found => found.ok_or_else(CameraGradient::not_asked_for),
+            found => found.ok_or_else(CameraGradient::not_requested),
         }
     }
 
