@@ -95,7 +95,7 @@ pub enum Error {
         /// COLMAP's log.
         log: PathBuf,
     },
-    /// The observer cancelled the work.
+    /// [`Reporter::is_cancelled`](crate::Reporter::is_cancelled) ended the work.
     #[error("stopped while {stage}; what is done so far is kept")]
     Cancelled {
         /// What was being done.

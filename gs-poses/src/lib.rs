@@ -6,8 +6,8 @@ mod gps;
 mod input;
 mod inspection;
 mod model;
-mod observer;
 mod plan;
+mod reporter;
 mod run;
 mod settings;
 mod upright;
@@ -18,12 +18,12 @@ pub use self::{
     colmap::Colmap,
     error::Error,
     gps::Gps,
+    input::Input,
     input::photographs::{Exif, Photograph, Photographs},
-    input::source::Source,
     input::video::{Video, is_video},
-    observer::{Observer, Stage},
+    reporter::{Reporter, Stage},
     run::{find_poses, refuse_other_models},
     settings::{LensKind, Pairs, Settings},
-    verdict::{LeftOut, Quality, Verdict},
+    verdict::{LeftOut, PoseQuality, Verdict},
     work::FILES,
 };

@@ -16,12 +16,12 @@ use crate::{
     },
     error::Error,
     gps::align,
+    input::Input,
     input::photographs::{Exif, Identity, Photograph, Photographs, identity},
-    input::source::Source,
     inspection::why_none,
     model::{self, Model, models_in},
-    observer::{Observer, Stage},
     plan::{OVERLAP, Plan, pairs_by_time},
+    reporter::{Reporter, Stage},
     settings::Settings,
     upright::upright,
     verdict::Verdict,
@@ -73,14 +73,14 @@ struct Stored {
 /// Those of COLMAP, of its model, of the video and of the files; [`Error::NoPoses`] where there are none to be
 /// found.
 pub fn find_poses(
-    source: &Source,
+    input: &Input,
     settings: &Settings,
     colmap: &Colmap,
     (folder, resume): (&OutputFolder, bool),
-    observer: &mut dyn Observer,
+    reporter: &mut dyn Reporter,
 ) -> Result<Verdict, Error> {
-    let photographs = &source.photographs((folder, resume), observer)?;
-    photographs.left_out.iter().for_each(|what| observer.note(&format!("left out: {what}")));
+    let photographs = &input.photographs((folder, resume), reporter)?;
+    photographs.left_out.iter().for_each(|what| reporter.note(&format!("left out: {what}")));
     if let Some(verdict) = found_before(photographs, folder.path()).filter(|_| resume) {
         // Photographs may have been converted in it.
         let _ = fs::remove_dir(folder.path().join(WORK));
@@ -88,7 +88,7 @@ pub fn find_poses(
     }
     if colmap.is_slow() {
         let version = colmap.version();
-        observer.note(&format!("COLMAP {version} compares photographs 4 to 6 times more slowly than 4.1.1 does"));
+        reporter.note(&format!("COLMAP {version} compares photographs 4 to 6 times more slowly than 4.1.1 does"));
     }
     let root = std::path::absolute(folder.path()).map_err(Error::at(folder.path()))?;
     let work = root.join(WORK);
@@ -104,7 +104,7 @@ pub fn find_poses(
     fs::create_dir_all(&work).map_err(Error::at(&work))?;
     let masked = place_files(photographs, folder)?;
     let log = Log::open(folder.file(FILES[1]), is_resumed)?;
-    let mut run = Run { photographs, settings, colmap, root, work, masked, log, observer };
+    let mut run = Run { photographs, settings, colmap, root, work, masked, log, reporter };
     let models = run.models(state)?;
     run.finish(models, folder)
 }
@@ -192,7 +192,7 @@ struct Run<'a> {
     /// Whether there are masks.
     masked: bool,
     log: Log,
-    observer: &'a mut dyn Observer,
+    reporter: &'a mut dyn Reporter,
 }
 
 impl Run<'_> {
@@ -208,7 +208,7 @@ impl Run<'_> {
         let mut models = self.map(&state.plan, &database, 0)?;
         let features = self.mean_features();
         if in_any(&models) < ENOUGH && features >= 1.0 {
-            self.observer.note("few photographs have poses so far: trying again more thoroughly");
+            self.reporter.note("few photographs have poses so far: trying again more thoroughly");
             let least = if self.colmap.looks_one_way(&state.plan) { TRUSTED * share(&models) } else { share(&models) };
             let registered = models.first().map_or(&[][..], |model| &model.images);
             let mut thorough =
@@ -283,14 +283,14 @@ impl Run<'_> {
             match self.compare(place, plan, Compared::Neighbours { overlap, alike: true }) {
                 Err(Error::Failed { said: Some(why), .. }) if !is_named && lacks_tree(&why) => {
                     if attempt == 0 {
-                        self.observer.note(&format!("COLMAP cannot use the vocabulary tree that it fetches: {why}"));
+                        self.reporter.note(&format!("COLMAP cannot use the vocabulary tree that it fetches: {why}"));
                     }
                 }
                 ended => return ended,
             }
         }
         if attempt == 0 {
-            self.observer.note(
+            self.reporter.note(
                 "photographs are compared with their neighbours only, and places visited twice are not recognised: \
                  gs poses --vocabulary FILE finds them by a vocabulary tree of COLMAP",
             );
@@ -366,14 +366,14 @@ impl Run<'_> {
         stage: Stage,
         progress: impl Fn(&str) -> Option<(usize, usize)>,
     ) -> Result<(), Error> {
-        let observer = std::cell::RefCell::new(&mut *self.observer);
-        observer.borrow_mut().progress(stage, 0, self.photographs.files.len());
+        let reporter = std::cell::RefCell::new(&mut *self.reporter);
+        reporter.borrow_mut().progress(stage, 0, self.photographs.files.len());
         let mut each = |line: &str| {
             if let Some((done, total)) = progress(line) {
-                observer.borrow_mut().progress(stage, done, total);
+                reporter.borrow_mut().progress(stage, done, total);
             }
         };
-        let cancelled = || observer.borrow().is_cancelled();
+        let cancelled = || reporter.borrow().is_cancelled();
         self.log.run(&self.colmap.program, arguments, stage.words(), &mut each, &cancelled)
     }
 

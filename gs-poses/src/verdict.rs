@@ -30,7 +30,7 @@ const NAMES_SHOWN: usize = 5;
 /// How good the poses are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Quality {
+pub enum PoseQuality {
     /// Nearly all photographs have poses that fit.
     Good,
     /// Enough for a scene, with gaps.
@@ -52,7 +52,7 @@ pub struct LeftOut {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// How good the poses are.
-    pub quality: Quality,
+    pub quality: PoseQuality,
     /// Number of photographs.
     pub photographs: usize,
     /// Number of those with a pose.
@@ -113,7 +113,7 @@ impl Verdict {
         let observations = model.images.iter().map(|image| image.observations as f64).sum();
         let own = |piece: &BTreeSet<String>| piece.difference(&registered).count();
         let mut verdict = Self {
-            quality: Quality::Good,
+            quality: PoseQuality::Good,
             photographs: photographs.files.len(),
             registered: registered.len(),
             left_out,
@@ -134,12 +134,12 @@ impl Verdict {
         self.registered as f64 / self.photographs.max(1) as f64
     }
 
-    fn rate(&self) -> Quality {
+    fn rate(&self) -> PoseQuality {
         let is_doubtful = self.error_px > LARGE_ERROR || self.observations < FEW_OBSERVATIONS;
         match self.share() {
-            share if share < SHARES[1] || self.registered < 3 => Quality::Poor,
-            share if share < SHARES[0] || is_doubtful => Quality::Usable,
-            _ => Quality::Good,
+            share if share < SHARES[1] || self.registered < 3 => PoseQuality::Poor,
+            share if share < SHARES[0] || is_doubtful => PoseQuality::Usable,
+            _ => PoseQuality::Good,
         }
     }
 
@@ -196,9 +196,9 @@ impl std::fmt::Display for Verdict {
     /// Several lines, without a line break at the end.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let word = match self.quality {
-            Quality::Good => "good",
-            Quality::Usable => "usable",
-            Quality::Poor => "poor",
+            PoseQuality::Good => "good",
+            PoseQuality::Usable => "usable",
+            PoseQuality::Poor => "poor",
         };
         write!(
             f,
@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn good_poses_need_no_advice() {
         let verdict = judged(3.0, &[model(0..5, 200)], &[]);
-        assert_eq!((verdict.quality, verdict.registered, verdict.points), (Quality::Good, 5, 200));
+        assert_eq!((verdict.quality, verdict.registered, verdict.points), (PoseQuality::Good, 5, 200));
         assert_eq!((reasons(&verdict), verdict.advice.len()), (Vec::new(), 0));
         assert_eq!(
             verdict.to_string(),
@@ -290,7 +290,7 @@ mod tests {
     #[test]
     fn few_poses_are_poor() {
         let verdict = judged(3.0, &[model(0..2, 100)], &[]);
-        assert_eq!(verdict.quality, Quality::Poor);
+        assert_eq!(verdict.quality, PoseQuality::Poor);
         let why = "it matches too few of the others";
         assert_eq!(reasons(&verdict), [("2.png", why), ("3.png", why), ("4.png", why)]);
         assert!(verdict.advice[0].starts_with("neighbours should show the same place"), "{verdict}");
@@ -300,7 +300,7 @@ mod tests {
     #[test]
     fn a_photograph_is_left_out_for_what_is_wrong_with_it() {
         let verdict = judged(30.0, &[model(0..4, 200)], &[("4.png", 120)]);
-        assert_eq!((verdict.quality, reasons(&verdict)), (Quality::Usable, vec![("4.png", "it is blurred")]));
+        assert_eq!((verdict.quality, reasons(&verdict)), (PoseQuality::Usable, vec![("4.png", "it is blurred")]));
         assert!(verdict.advice[0].starts_with("1 photograph is blurred: take them again"), "{verdict}");
         let found = |features: &[(&str, u32)]| judged(3.0, &[model(0..4, 200)], features).left_out[0].why.clone();
         assert_eq!(found(&[("4.png", 120)]), "it has only 120 features");
@@ -312,7 +312,7 @@ mod tests {
     fn other_pieces_are_counted() {
         let verdict = judged(3.0, &[model(0..3, 200), model(2..5, 200)], &[]);
         let why = "it belongs to another piece";
-        assert_eq!((verdict.quality, reasons(&verdict)), (Quality::Usable, vec![("3.png", why), ("4.png", why)]));
+        assert_eq!((verdict.quality, reasons(&verdict)), (PoseQuality::Usable, vec![("3.png", why), ("4.png", why)]));
         assert_eq!(verdict.pieces, [2]);
         assert!(verdict.advice[0].contains("the largest was taken (others: 2 photographs)"), "{verdict}");
         assert!(verdict.to_string().contains("\nleft out: 3.png, 4.png, because it belongs to another piece"));

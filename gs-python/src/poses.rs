@@ -3,7 +3,7 @@
 use std::{cell::RefCell, path::PathBuf};
 
 use gs_io::FolderClaim;
-use gs_poses::{Colmap, FILES, Observer, Settings, Source, Stage, find_poses, refuse_other_models};
+use gs_poses::{Colmap, FILES, Input, Reporter, Settings, Stage, find_poses, refuse_other_models};
 use pyo3::prelude::*;
 
 use crate::convert::{errors, settings};
@@ -24,7 +24,7 @@ impl Reports {
     }
 }
 
-impl Observer for Reports {
+impl Reporter for Reports {
     fn progress(&mut self, stage: Stage, done: usize, total: usize) {
         let Some(progress) = &self.progress else { return };
         self.keep(Python::attach(|py| progress.call1(py, (stage.words(), done, total)).map(drop)));
@@ -75,14 +75,14 @@ pub(crate) fn poses<'py>(
     let python: PathBuf = py.import("sys")?.getattr("executable")?.extract()?;
     let mut reports = Reports { progress, ..Reports::default() };
     let found = errors::computed(py, || {
-        let source = Source::find(&photos)?;
+        let input = Input::find(&photos)?;
         let colmap = Colmap::find_or(python)?;
-        let inputs = source.paths().into_iter().collect();
+        let inputs = input.paths().into_iter().collect();
         let claim = FolderClaim { inputs, overwrite, ..FolderClaim::new(&output, FILES) };
         claim.check()?;
         refuse_other_models(&output)?;
         let folder = claim.begin()?;
-        let found = find_poses(&source, &chosen, &colmap, (&folder, resume), &mut reports);
+        let found = find_poses(&input, &chosen, &colmap, (&folder, resume), &mut reports);
         Ok::<_, gs_poses::Error>((found, reports.raised.into_inner()))
     });
     match found? {

@@ -9,7 +9,7 @@ use clap::Args;
 use gs_core::counted;
 use gs_io::{Inputs, OutputFolder};
 use gs_poses::{
-    Colmap, Error, FILES, LensKind, Observer, Pairs, Quality, Settings, Source, Stage, Verdict, find_poses,
+    Colmap, Error, FILES, Input, LensKind, Pairs, PoseQuality, Reporter, Settings, Stage, Verdict, find_poses,
     refuse_other_models,
 };
 
@@ -85,7 +85,7 @@ pub(crate) struct PosesArgs {
 
 /// Finds the poses of photographs.
 pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
-    let source = Source::find(&args.photos)?;
+    let input = Input::find(&args.photos)?;
     let settings = Settings::default().with(|s| {
         s.max_size = args.max_size;
         s.lens = args.lens;
@@ -94,7 +94,7 @@ pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
         s.threads = args.threads;
     });
     let command = format!("gs poses {} -o {}", quoted(&args.photos), quoted(&args.output));
-    let verdict = find(&source, &settings, (&args.output, args.overwrite, args.resume), &command)?;
+    let verdict = find(&input, &settings, (&args.output, args.overwrite, args.resume), &command)?;
     if args.json {
         return output::json(&verdict);
     }
@@ -106,10 +106,10 @@ pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
 
 /// Makes the data set `output/dataset` of photographs or a video without poses, unless an earlier run did.
 pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Result<PathBuf, Failure> {
-    let source = Source::find(path)?;
+    let input = Input::find(path)?;
     let dataset = output.join("dataset");
-    let what = match &source {
-        Source::Folder(photographs) => {
+    let what = match &input {
+        Input::Folder(photographs) => {
             format!("holds {} without camera poses", counted(photographs.count(), "photograph"))
         }
         _ => "is a video without camera poses".to_owned(),
@@ -121,10 +121,10 @@ pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Re
     ));
     let settings = Settings::default().with(|s| s.threads = threads.map(u32::from));
     let command = format!("gs train {} -o {}", quoted(path), quoted(output));
-    let verdict = find(&source, &settings, (&dataset, OverwriteArgs::default(), true), &command)?;
+    let verdict = find(&input, &settings, (&dataset, OverwriteArgs::default(), true), &command)?;
     output::note(&verdict);
     match verdict.quality {
-        Quality::Poor => Err(Failure::failed("too few poses were found to train a scene")
+        PoseQuality::Poor => Err(Failure::failed("too few poses were found to train a scene")
             .at(path.display())
             .hint(format_args!("gs train {} does so nevertheless", quoted(&dataset)))),
         _ => Ok(dataset),
@@ -133,13 +133,13 @@ pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Re
 
 /// Finds poses, resuming what is there if that is asked for. `command` does it again.
 fn find(
-    source: &Source,
+    input: &Input,
     settings: &Settings,
     (output, overwrite, resume): (&Path, OverwriteArgs, bool),
     command: &str,
 ) -> Result<Verdict, Failure> {
     let colmap = Colmap::find()?;
-    let inputs: Inputs = source.paths().into_iter().collect();
+    let inputs: Inputs = input.paths().into_iter().collect();
     let claim = overwrite.claim(output, FILES, inputs);
     output_folder::check(&claim)?;
     refuse_other_models(output)?;
@@ -147,7 +147,7 @@ fn find(
     let stages = Stages::new(Duration::ZERO);
     let interrupt = Interrupt::listen(stages.printer(), "stopping");
     let mut display = Display { stages, interrupt };
-    let found = find_poses(source, settings, &colmap, (&folder, resume), &mut display);
+    let found = find_poses(input, settings, &colmap, (&folder, resume), &mut display);
     display.stages.printer().clear_bar();
     found.map_err(|error| match error {
         error @ Error::Cancelled { .. } => {
@@ -164,7 +164,7 @@ struct Display {
     interrupt: Interrupt,
 }
 
-impl Observer for Display {
+impl Reporter for Display {
     fn progress(&mut self, stage: Stage, done: usize, total: usize) {
         self.stages.show(stage.words(), stage.words(), done.min(total) as f64 / total.max(1) as f64);
     }

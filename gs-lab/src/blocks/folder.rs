@@ -34,7 +34,7 @@ const SCENES: &str = "scenes";
 /// What a training in blocks was prepared from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Origin {
+pub struct BlocksOrigin {
     /// The machine whose backend all blocks use.
     pub machine: Machine,
     /// The data set's path.
@@ -50,7 +50,7 @@ pub struct Origin {
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 struct Content {
     version: String,
-    origin: Origin,
+    origin: BlocksOrigin,
     /// Digests of the Gaussians that the blocks begin with.
     starts: Vec<String>,
     plan: BlocksPlan,
@@ -151,7 +151,7 @@ impl Preparing {
     ///
     /// # Errors
     /// [`Error::Io`] where it cannot be written.
-    pub fn finish(self, origin: Origin, plan: BlocksPlan) -> Result<BlocksFolder, Error> {
+    pub fn finish(self, origin: BlocksOrigin, plan: BlocksPlan) -> Result<BlocksFolder, Error> {
         self.remove_from(self.starts.len());
         let content = Content { version: VERSION.to_owned(), origin, starts: self.starts, plan };
         let text = serde_json::to_string_pretty(&content).unwrap_or_default() + "\n";
@@ -161,7 +161,7 @@ impl Preparing {
 }
 
 /// The options to write scenes with that are drawn with these settings.
-fn write_options(render: &RenderSettings, origin: &Origin) -> WriteOptions3d {
+fn write_options(render: &RenderSettings, origin: &BlocksOrigin) -> WriteOptions3d {
     let trained_with = TrainedWith::default().with(|s| {
         s.antialias = Some(render.effects.antialias);
         s.order = Some(render.effects.order);
@@ -182,7 +182,7 @@ impl BlocksFolder {
     ///
     /// # Errors
     /// [`Error::Folder`] where there are; [`Error::Path`] where it cannot be made.
-    pub fn prepare(path: &Path, render: &RenderSettings, origin: &Origin) -> Result<Preparing, Error> {
+    pub fn prepare(path: &Path, render: &RenderSettings, origin: &BlocksOrigin) -> Result<Preparing, Error> {
         Self::refuse_existing(path)?;
         for part in Self::FOLDERS {
             let part = path.join(part);
@@ -262,7 +262,7 @@ impl BlocksFolder {
     }
 
     /// What the blocks were prepared from.
-    pub fn origin(&self) -> &Origin {
+    pub fn origin(&self) -> &BlocksOrigin {
         &self.content.origin
     }
 

@@ -10,7 +10,7 @@ mod map;
 
 pub use self::{
     conduct::conduct,
-    folder::{BlockOutcome, BlockRecord, BlocksFolder, Origin, Preparing},
+    folder::{BlockOutcome, BlockRecord, BlocksFolder, BlocksOrigin, Preparing},
     map::{map, map_page},
 };
 #[cfg(doc)]

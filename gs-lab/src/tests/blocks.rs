@@ -23,7 +23,7 @@ use gs_train::{
 use super::scenes::cpu;
 use crate::{
     Error,
-    blocks::{BlockOutcome, BlocksFolder, Origin, conduct, map, map_page},
+    blocks::{BlockOutcome, BlocksFolder, BlocksOrigin, conduct, map, map_page},
     run::{Conducted, Watcher},
 };
 
@@ -169,7 +169,7 @@ fn fixed_gaussians_keep_their_bits_while_others_grow() {
 /// A folder with four blocks of a floor.
 fn prepared(on: &CpuRasterizer, path: &Path) -> (BlocksFolder, Views) {
     let Floor { views, plan, starts, .. } = planned(on, 2, 2);
-    let origin = Origin {
+    let origin = BlocksOrigin {
         machine: "test".into(),
         dataset: "x".into(),
         reading: serde_json::Value::Null,

@@ -16,7 +16,7 @@ use gs_io::OutputFolder;
 use crate::{
     error::Error,
     input::heic::{Converter, Heic},
-    observer::{Observer, Stage},
+    reporter::{Reporter, Stage},
     work::{FILES, WORK, remove},
 };
 
@@ -129,15 +129,15 @@ impl Photographs {
     pub(crate) fn converted(
         mut self,
         (folder, resume): (&OutputFolder, bool),
-        observer: &mut dyn Observer,
+        reporter: &mut dyn Reporter,
     ) -> Result<Self, Error> {
         let heic = std::mem::take(&mut self.heic);
         let Some(first) = heic.first() else { return Ok(self) };
         let converter = Converter::find(&first.path)?;
         let work = folder.path().join(WORK).join("heic");
         for (done, Heic { name, path, mask }) in heic.iter().enumerate() {
-            observer.progress(Stage::Converting, done, heic.len());
-            if observer.is_cancelled() {
+            reporter.progress(Stage::Converting, done, heic.len());
+            if reporter.is_cancelled() {
                 return Err(Error::Cancelled { stage: Stage::Converting.words() });
             }
             let name_there = format!("images/{name}");

@@ -11,7 +11,7 @@ use gs_backend::FutureExt as _;
 use gs_core::{Error as CoreError, Scene as _, counted, duration, effects::Antialias, memory::amount};
 use gs_io::{Inputs, read_checkpoint};
 use gs_lab::{
-    blocks::{BlocksFolder, Origin, map, map_page},
+    blocks::{BlocksFolder, BlocksOrigin, map, map_page},
     study::Machine,
 };
 use gs_train::{
@@ -95,7 +95,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
     let backend = args.backend.open()?;
     output::note(&backend.reason);
     let output = OutputFolder::begin(claim)?;
-    let origin = Origin {
+    let origin = BlocksOrigin {
         machine: Machine::of(&backend.rasterizer),
         dataset: absolute(&args.dataset)?,
         reading: serde_json::to_value(&args.images).map_err(Failure::failed)?,

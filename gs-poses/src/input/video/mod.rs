@@ -21,7 +21,7 @@ use self::{
 use crate::{
     error::Error,
     input::photographs::{Identity, Photographs, identity},
-    observer::{Observer, Stage},
+    reporter::{Reporter, Stage},
     work::{WORK, remove},
 };
 
@@ -91,7 +91,7 @@ impl Video {
     pub(crate) fn photographs(
         &self,
         (folder, resume): (&OutputFolder, bool),
-        observer: &mut dyn Observer,
+        reporter: &mut dyn Reporter,
     ) -> Result<Photographs, Error> {
         let record = folder.path().join(RECORD);
         let stored = fs::read(&record).ok().and_then(|bytes| serde_json::from_slice::<Record>(&bytes).ok());
@@ -101,7 +101,7 @@ impl Video {
         };
         let record = match stored.filter(|record| resume && is_there(record)) {
             Some(record) => record,
-            None => self.extract(folder, observer)?,
+            None => self.extract(folder, reporter)?,
         };
         let mut found = Photographs::of(&self.path, &folder.path().join("images"))?;
         found.files.retain(|photograph| record.frames.iter().any(|frame| frame.name == photograph.name));
@@ -109,31 +109,31 @@ impl Video {
     }
 
     /// Chooses frames and writes them.
-    fn extract(&self, folder: &OutputFolder, observer: &mut dyn Observer) -> Result<Record, Error> {
+    fn extract(&self, folder: &OutputFolder, reporter: &mut dyn Reporter) -> Result<Record, Error> {
         let rate = match self.probe.seconds {
             Some(seconds) => self.probe.rate.min(LOOKED_AT / seconds),
             None => self.probe.rate.min(RATE),
         };
         // As ffmpeg is told it.
         let rate = ((rate * 1e4).round() / 1e4).max(1e-4);
-        let (frames, complaint) = self.look(rate, observer)?;
+        let (frames, complaint) = self.look(rate, reporter)?;
         let choice = choose(&frames, MOST);
         self.check(&choice, frames.len(), complaint.as_deref())?;
         if let Some(complaint) = complaint {
-            observer.note(&format!("{}: parts of it cannot be read ({complaint})", self.path.display()));
+            reporter.note(&format!("{}: parts of it cannot be read ({complaint})", self.path.display()));
         }
-        observer.note(&sentence(&choice, (frames.len(), rate < self.probe.rate)));
+        reporter.note(&sentence(&choice, (frames.len(), rate < self.probe.rate)));
         drop(frames);
         let work = folder.path().join(WORK).join("frames");
         remove(&work)?;
-        let written = self.write(rate, &choice.frames, &work, observer);
+        let written = self.write(rate, &choice.frames, &work, reporter);
         let record = written.and_then(|()| self.publish(rate, &choice.frames, &work, folder));
         remove(&work)?;
         record
     }
 
     /// Looks at frames of the video, and returns what ffmpeg complained about.
-    fn look(&self, rate: f64, observer: &mut dyn Observer) -> Result<(Vec<Frame>, Option<String>), Error> {
+    fn look(&self, rate: f64, reporter: &mut dyn Reporter) -> Result<(Vec<Frame>, Option<String>), Error> {
         let total = self.probe.seconds.map_or(0, |seconds| (seconds * rate) as usize);
         let filters = format!(
             "fps={rate:.4},scale={SIDE}:{SIDE}:force_original_aspect_ratio=decrease:flags=area,format=gray,{TICKS}"
@@ -143,8 +143,8 @@ impl Video {
         let arguments = ["-r", "25", "-f", "image2pipe", "-c:v", "pgm", "-"];
         let (_, complaint) = read(&self.path, (&filters, Path::new(".")), &arguments, next, |frame| {
             frames.extend(frame);
-            observer.progress(Stage::Video, frames.len(), total.max(frames.len()));
-            cancelled(observer, Stage::Video)
+            reporter.progress(Stage::Video, frames.len(), total.max(frames.len()));
+            cancelled(reporter, Stage::Video)
         })?;
         Ok((frames, complaint))
     }
@@ -175,7 +175,7 @@ impl Video {
     }
 
     /// Writes frames at full size into a folder.
-    fn write(&self, rate: f64, frames: &[usize], to: &Path, observer: &mut dyn Observer) -> Result<(), Error> {
+    fn write(&self, rate: f64, frames: &[usize], to: &Path, reporter: &mut dyn Reporter) -> Result<(), Error> {
         fs::create_dir_all(to).map_err(Error::at(to))?;
         let numbers: Vec<String> = frames.iter().map(|frame| format!("eq(n,{frame})")).collect();
         let filters = format!("fps={rate:.4},select='{}',{TICKS}", sum(&numbers));
@@ -183,9 +183,9 @@ impl Video {
         let next = |pipe: &mut BufReader<_>| pipe.lines().next()?.ok();
         let (succeeded, complaint) = read(&self.path, (&filters, to), &arguments, next, |line| {
             if let Some(done) = line.and_then(|line| line.strip_prefix("frame=")?.trim().parse().ok()) {
-                observer.progress(Stage::Frames, done, frames.len());
+                reporter.progress(Stage::Frames, done, frames.len());
             }
-            cancelled(observer, Stage::Frames)
+            cancelled(reporter, Stage::Frames)
         })?;
         let is_written = |at| fs::metadata(to.join(name(at))).is_ok_and(|file| file.len() > 0);
         if succeeded && (0..frames.len()).all(is_written) {
@@ -230,8 +230,8 @@ fn sum(terms: &[String]) -> String {
     }
 }
 
-fn cancelled(observer: &dyn Observer, stage: Stage) -> Result<(), Error> {
-    if observer.is_cancelled() { Err(Error::Cancelled { stage: stage.words() }) } else { Ok(()) }
+fn cancelled(reporter: &dyn Reporter, stage: Stage) -> Result<(), Error> {
+    if reporter.is_cancelled() { Err(Error::Cancelled { stage: stage.words() }) } else { Ok(()) }
 }
 
 /// What was chosen, in words.

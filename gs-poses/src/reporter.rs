@@ -1,4 +1,4 @@
-//! What a program is told about the work.
+//! Reports of the work to a program.
 
 /// A stage of the work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,14 +35,14 @@ impl Stage {
     }
 }
 
-/// Is told about the work, and can end it.
-pub trait Observer {
+/// Receives reports of the work, and can end it.
+pub trait Reporter {
     /// How far a stage is: `done` of `total` frames, photographs or blocks of pairs.
     fn progress(&mut self, stage: Stage, done: usize, total: usize);
 
     /// Something worth a line.
     fn note(&mut self, line: &str);
 
-    /// Whether the work is to end. It is asked about ten times a second.
+    /// Whether the work is to end. It is called about ten times a second.
     fn is_cancelled(&self) -> bool;
 }
