@@ -19,14 +19,14 @@ pub enum Error {
         message: String,
     },
     /// A study that is not possible, such as one without seeds.
-    #[error("study `{study}`: {what}: {mend}")]
+    #[error("study `{study}`: {what}: {hint}")]
     Study {
         /// The study's name.
         study: String,
         /// What is wrong, and where.
         what: String,
         /// How to fix it.
-        mend: &'static str,
+        hint: &'static str,
     },
     /// An arm whose settings are not possible.
     #[error("study `{study}`: {}arm `{arm}`: {message}", line.map_or_else(String::new, |line| format!("line {line}: ")))]
@@ -68,14 +68,14 @@ pub enum Error {
         looked: String,
     },
     /// The output folder cannot be used for this study.
-    #[error("{}: {what}: {mend}", folder.display())]
+    #[error("{}: {what}: {hint}", folder.display())]
     Folder {
         /// The folder.
         folder: PathBuf,
         /// What is wrong with it.
         what: String,
         /// How to fix it.
-        mend: &'static str,
+        hint: &'static str,
     },
     /// Two computations of a run ended in different results, though nothing that is known differs.
     /// The first result is kept.

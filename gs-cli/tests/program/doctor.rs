@@ -37,7 +37,7 @@ fn repaired(scene: &Path, copy: &Path, flags: &[&str]) -> Run {
 #[test]
 fn doctor_repairs_a_scene_and_leaves_sound_gaussians_intact() {
     let place = folder();
-    let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
+    let (path, fixed) = (place.path().join("scene.ply"), place.path().join("fixed.ply"));
     let scene = scene_3d();
     write_3d(&path, &scene, &WriteOptions3d::default()).unwrap();
     let sound = doctor(&path, &[]).done();
@@ -64,15 +64,15 @@ fn doctor_repairs_a_scene_and_leaves_sound_gaussians_intact() {
     let json: serde_json::Value = serde_json::from_str(&doctor(&path, &["--json"]).stdout).unwrap();
     assert_eq!((&json["broken"], &json["gaussians"]), (&2.into(), &10.into()), "{json}");
     assert_eq!(json["findings"][0]["finding"], "opacity-not-a-number");
-    let json = repaired(&path, &mended, &["--json"]).json();
+    let json = repaired(&path, &fixed, &["--json"]).json();
     assert_eq!((&json["dropped"], &json["gaussians"]), (&2.into(), &8.into()), "{json}");
     assert_eq!(json["lost"], serde_json::json!([]), "{json}");
     assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
-    let copy = mended;
-    let mended = read_3d(&copy).unwrap().scene;
+    let copy = fixed;
+    let fixed = read_3d(&copy).unwrap().scene;
     // The test changed a scale of the eighth Gaussian, which is the sixth in the repaired scene.
     for (after, index) in [0, 1, 2, 4, 5, 6].into_iter().enumerate().chain([(7, 9)]) {
-        assert_eq!(mended.gaussian(after), scene.gaussian(index));
+        assert_eq!(fixed.gaussian(after), scene.gaussian(index));
     }
     // A repair never replaces its input, and the copy needs no further repair.
     let refused = repaired(&path, &path, &[]);
@@ -87,22 +87,22 @@ fn doctor_repairs_a_scene_and_leaves_sound_gaussians_intact() {
 #[test]
 fn scales_of_zero_are_found_and_raised() {
     let place = folder();
-    let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
+    let (path, fixed) = (place.path().join("scene.ply"), place.path().join("fixed.ply"));
     write_3d(&path, &scene_3d(), &WriteOptions3d::default()).unwrap();
     break_ply(&path, 3, 7, &[f32::NEG_INFINITY]);
     let sick = doctor(&path, &[]);
     assert_eq!(sick.status, Some(1));
     assert!(sick.stdout.contains("1 (first: Gaussian 3) whose scale is 0"), "{sick:?}");
-    let json = repaired(&path, &mended, &["--json"]).json();
+    let json = repaired(&path, &fixed, &["--json"]).json();
     assert_eq!((&json["dropped"], &json["gaussians"]), (&0.into(), &10.into()), "{json}");
     assert_eq!(json["lost"].as_array().unwrap().len(), 1, "{json}");
-    assert!(read_3d(&mended).unwrap().losses.is_empty());
+    assert!(read_3d(&fixed).unwrap().losses.is_empty());
 }
 
 #[test]
-fn a_2d_scene_is_mended_too() {
+fn a_2d_scene_is_fixed_too() {
     let place = folder();
-    let (path, mended) = (place.path().join("a.gs2d.safetensors"), place.path().join("b.gs2d.safetensors"));
+    let (path, fixed) = (place.path().join("a.gs2d.safetensors"), place.path().join("b.gs2d.safetensors"));
     let gaussian = |x: f32| Gaussian2d {
         mean: Vec2::new(x, 3.0),
         log_scale: Vec2::new(0.5, 0.25),
@@ -130,9 +130,9 @@ fn a_2d_scene_is_mended_too() {
         text.contains("doubtful    1 (first: Gaussian 4) whose place and shape are those of an earlier one"),
         "{text}"
     );
-    repaired(&path, &mended, &[]).done();
+    repaired(&path, &fixed, &[]).done();
     let expected: Scene2d = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();
-    assert_eq!(read_2d(&mended).unwrap(), gs_io::File2d { scene: expected, ..file });
+    assert_eq!(read_2d(&fixed).unwrap(), gs_io::File2d { scene: expected, ..file });
 }
 
 #[test]

@@ -202,7 +202,7 @@ impl BlocksFolder {
             true => Err(Error::Folder {
                 folder: path.to_owned(),
                 what: "contains blocks already".to_owned(),
-                mend: "do them with gs blocks work, or choose another folder with --output",
+                hint: "do them with gs blocks work, or choose another folder with --output",
             }),
         }
     }
@@ -212,7 +212,7 @@ impl BlocksFolder {
     /// # Errors
     /// [`Error::Folder`] where there are none in it, and where they were prepared by another version of the program.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let wrong = |what: String, mend| Error::Folder { folder: path.to_owned(), what, mend };
+        let wrong = |what: String, hint| Error::Folder { folder: path.to_owned(), what, hint };
         let text = fs::read(path.join(PLAN)).map_err(|error| {
             wrong(
                 format!("contains no blocks: {PLAN} cannot be read ({error})"),
@@ -252,8 +252,8 @@ impl BlocksFolder {
             return Ok(());
         }
         let what = format!("was prepared for {prepared}, but this is {}", machine.name);
-        let mend = "blocks have one backend and SIMD level for all machines: leave out flags that choose others";
-        Err(Error::Folder { folder: self.path.clone(), what, mend })
+        let hint = "blocks have one backend and SIMD level for all machines: leave out flags that choose others";
+        Err(Error::Folder { folder: self.path.clone(), what, hint })
     }
 
     /// The plan.
@@ -327,12 +327,12 @@ impl BlocksFolder {
         Ok(blocks.map(seconds).collect())
     }
 
-    fn scene(&self, name: &str, expected: &str, mend: &'static str) -> Result<Scene3d, Error> {
+    fn scene(&self, name: &str, expected: &str, hint: &'static str) -> Result<Scene3d, Error> {
         let scene = read_3d(self.path.join(name))?.scene.with_degree(self.plan().settings.render.effects.sh_degree);
         match digest::of_scene_3d(&scene) == expected {
             true => Ok(scene),
             false => {
-                Err(Error::Folder { folder: self.path.join(name), what: "is not what was stored".to_owned(), mend })
+                Err(Error::Folder { folder: self.path.join(name), what: "is not what was stored".to_owned(), hint })
             }
         }
     }
@@ -368,8 +368,8 @@ impl BlocksFolder {
                         "has another result (scene {recorded}) than this process found ({found}), though nothing that \
                          is known differs"
                     );
-                    let mend = "repeat it on both machines in other folders, and leave out the one that is wrong";
-                    Err(Error::Folder { folder: self.path.join(ply(SCENES, block)), what, mend })
+                    let hint = "repeat it on both machines in other folders, and leave out the one that is wrong";
+                    Err(Error::Folder { folder: self.path.join(ply(SCENES, block)), what, hint })
                 }
                 ended => Ok(ended),
             };
@@ -463,7 +463,7 @@ impl BlocksFolder {
     }
 
     fn unfinished(&self, what: String) -> Error {
-        Error::Folder { folder: self.path.clone(), what, mend: "do it with gs blocks work --retry" }
+        Error::Folder { folder: self.path.clone(), what, hint: "do it with gs blocks work --retry" }
     }
 
     /// A scene without a Gaussian.

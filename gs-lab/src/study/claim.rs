@@ -256,8 +256,8 @@ impl Study {
                 words: format!("claim `{}`: {key}", claim.name),
             };
             if claim.circumstances.is_empty() {
-                let mend = "list at least one condition that the verdict follows from";
-                return Err(place("circumstances").wrong("", "there are none", mend));
+                let hint = "list at least one condition that the verdict follows from";
+                return Err(place("circumstances").wrong("", "there are none", hint));
             }
             for (n, condition) in claim.circumstances.iter().enumerate() {
                 place(&format!("circumstances.{n}")).condition(condition)?;
@@ -279,11 +279,11 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    fn wrong(&self, key: &str, what: impl std::fmt::Display, mend: &'static str) -> Error {
+    fn wrong(&self, key: &str, what: impl std::fmt::Display, hint: &'static str) -> Error {
         let line = self.study.lines.get(&format!("{}.{key}", self.path)).or_else(|| self.study.lines.get(&self.path));
         let line = line.map_or_else(String::new, |line| format!("line {line}: "));
         let key = if key.is_empty() { String::new() } else { format!(".{key}") };
-        self.study.wrong(format!("{line}{}{key}: {what}", self.words), mend)
+        self.study.wrong(format!("{line}{}{key}: {what}", self.words), hint)
     }
 
     /// Fails where a name is not among those that are known.
@@ -339,8 +339,8 @@ impl Place<'_> {
     fn condition(&self, quantity: &Quantity) -> Result<(), Error> {
         self.quantity(quantity)?;
         if !quantity.is_bounded() {
-            let mend = "add at-least, at-most, above or below";
-            return Err(self.wrong("", "has no bound, so that it always holds", mend));
+            let hint = "add at-least, at-most, above or below";
+            return Err(self.wrong("", "has no bound, so that it always holds", hint));
         }
         quantity.conditions().try_for_each(|condition| self.condition(condition))
     }

@@ -219,13 +219,13 @@ impl Study {
         let tables = std::iter::once(("settings".to_owned(), &self.settings))
             .chain(self.arms.iter().map(|arm| (format!("arm `{}`: settings", arm.name), &arm.settings)));
         for (place, table) in tables {
-            for (key, mend) in [
+            for (key, hint) in [
                 ("gaussians", "list it under budgets"),
                 ("gaussians-per-point", "the budget is the number of Gaussians"),
                 ("seed", "list it under seeds"),
             ] {
                 if table.contains_key(key) {
-                    return Err(self.wrong(format!("{place}: `{key}` is not for settings"), mend));
+                    return Err(self.wrong(format!("{place}: `{key}` is not for settings"), hint));
                 }
             }
         }
@@ -252,9 +252,9 @@ impl Study {
         if self.is_of_scenes() { "scene" } else { "image" }
     }
 
-    fn listed<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T], mend: &'static str) -> Result<(), Error> {
+    fn listed<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T], hint: &'static str) -> Result<(), Error> {
         if values.is_empty() {
-            return Err(self.wrong(format!("{key}: there are none"), mend));
+            return Err(self.wrong(format!("{key}: there are none"), hint));
         }
         self.unrepeated(key, values)
     }
@@ -267,7 +267,7 @@ impl Study {
         }
     }
 
-    pub(crate) fn wrong(&self, what: impl Into<String>, mend: &'static str) -> Error {
-        Error::Study { study: self.name.clone(), what: what.into(), mend }
+    pub(crate) fn wrong(&self, what: impl Into<String>, hint: &'static str) -> Error {
+        Error::Study { study: self.name.clone(), what: what.into(), hint }
     }
 }

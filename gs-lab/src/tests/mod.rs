@@ -1,4 +1,4 @@
-//! The laboratory from end to end.
+//! Studies from end to end.
 
 mod aligned_poses;
 mod blocks;

@@ -31,8 +31,8 @@ pub(crate) fn begin(claim: FolderClaim) -> Result<OutputFolder, Error> {
             Err(gs_io::Error::Busy { .. }) if Instant::now() < patient_until => thread::sleep(PATIENCE / 1000),
             Err(gs_io::Error::Write { source, .. }) => {
                 let what = format!("cannot be written to: {source}");
-                let mend = "choose another folder with --output";
-                return Err(Error::Folder { folder: claim.path, what, mend });
+                let hint = "choose another folder with --output";
+                return Err(Error::Folder { folder: claim.path, what, hint });
             }
             ended => return Ok(ended?),
         }

@@ -123,7 +123,7 @@ impl StudyFolder {
             return Err(Error::Folder {
                 folder: path.to_owned(),
                 what: format!("holds no study: there is no {STUDY} in it"),
-                mend: "name the --output of a gs study",
+                hint: "name the --output of a gs study",
             });
         }
         let inputs = Inputs::from_iter([&study]);
@@ -140,7 +140,7 @@ impl StudyFolder {
         let missing =
             || (format!("{MACHINE} is missing or damaged"), "prepare the study again, with gs study prepare --resume");
         let checked = self.origin().ok_or_else(missing).and_then(|origin| origin.check(plan));
-        checked.map_err(|(what, mend)| Error::Folder { folder: self.path.clone(), what, mend })
+        checked.map_err(|(what, hint)| Error::Folder { folder: self.path.clone(), what, hint })
     }
 
     /// The queue of a plan's runs in this folder.
@@ -303,14 +303,14 @@ fn json(value: &impl Serialize) -> String {
 
 /// Whether the folder holds the plan's study. Fails where it must not, or holds another study.
 fn refuse_held(path: &Path, plan: &Plan, existing: Existing) -> Result<bool, Error> {
-    let wrong = |what: String, mend: &'static str| Err(Error::Folder { folder: path.to_owned(), what, mend });
+    let wrong = |what: String, hint: &'static str| Err(Error::Folder { folder: path.to_owned(), what, hint });
     let study = path.join(STUDY);
     if !study.exists() {
         return Ok(false);
     }
     if existing == Existing::Refuse {
-        let mend = "go on with it with --resume, or choose another folder with --output";
-        return wrong("holds a study already".to_owned(), mend);
+        let hint = "go on with it with --resume, or choose another folder with --output";
+        return wrong("holds a study already".to_owned(), hint);
     }
     let held = fs::read_to_string(&study).ok().and_then(|text| name_of(&text));
     if held.as_ref() != Some(&plan.study.name) {

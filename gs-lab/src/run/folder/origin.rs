@@ -30,13 +30,13 @@ impl Origin {
     pub(crate) fn check(&self, plan: &Plan) -> Result<(), (String, &'static str)> {
         if self.version.as_deref() != Some(VERSION) {
             let theirs = self.version.as_deref().unwrap_or("(not stored)");
-            let mend = "use that version, or begin again with this one in another folder";
-            return Err((format!("is a study by version {theirs} of gs, but this is {VERSION}"), mend));
+            let hint = "use that version, or begin again with this one in another folder";
+            return Err((format!("is a study by version {theirs} of gs, but this is {VERSION}"), hint));
         }
         if self.machine.name != plan.machine.name {
             let what = format!("is a study on {}, but this is {}", self.machine.name, plan.machine.name);
-            let mend = "a study has one backend and SIMD level for all machines: leave out flags that choose others";
-            return Err((what, mend));
+            let hint = "a study has one backend and SIMD level for all machines: leave out flags that choose others";
+            return Err((what, hint));
         }
         for target in &plan.targets {
             if self.images.get(&target.name).is_some_and(|digest| *digest != target.digest) {
