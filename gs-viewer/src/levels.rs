@@ -5,13 +5,13 @@ use std::{
     thread,
 };
 
-use gs_core::{Camera, LodCut, Scene, Scene3d};
+use gs_core::{Camera, LodNode, Scene, Scene3d};
 use gs_io::{LevelsInMemory, StreamedSog};
 
 use crate::error::Error;
 
-/// Largest projected errors that are reached one after the other, px: a coarse picture comes soon.
-const ERRORS_PX: [f32; 3] = [16.0, 4.0, 1.0];
+/// Room for levels that are not drawn at present, bytes: cameras often come back.
+const ROOM: usize = 256 << 20;
 
 /// What a thread found that reads levels.
 enum Step {
@@ -28,7 +28,7 @@ pub(crate) type Finer<S> = Box<dyn FnMut(&<S as Scene>::View) -> Result<(Option<
 pub(crate) fn finer(file: StreamedSog, budget: usize) -> Finer<Scene3d> {
     // One scene waits at most: they may be large.
     let ((wanted, cameras), (steps, found)) = (channel(), sync_channel(1));
-    thread::spawn(move || serve(&mut LevelsInMemory::of(file), budget, &cameras, &steps));
+    thread::spawn(move || serve(&mut LevelsInMemory::of(file, ROOM), budget, &cameras, &steps));
     let (mut asked, mut done) = (None, None);
     Box::new(move |camera| {
         if asked != Some(*camera) {
@@ -61,14 +61,14 @@ fn serve(
 ) {
     let mut shown = None;
     while let Ok(mut camera) = cameras.recv() {
-        let mut errors = ERRORS_PX.iter();
+        let mut steps_of_camera = 0..LodNode::STEPS_PX.len();
         loop {
             // What an earlier camera needed is of no use.
             if let Some(newer) = cameras.try_iter().last() {
-                (camera, errors) = (newer, ERRORS_PX.iter());
+                (camera, steps_of_camera) = (newer, 0..LodNode::STEPS_PX.len());
             }
-            let step = match errors.next() {
-                Some(error_px) => next_scene(levels, (&camera, budget, *error_px), &mut shown).transpose(),
+            let step = match steps_of_camera.next() {
+                Some(index) => next_scene(levels, (&camera, budget, index), &mut shown).transpose(),
                 None => Some(Ok(Step::Done(camera))),
             };
             let Some(step) = step else { continue };
@@ -83,24 +83,17 @@ fn serve(
     }
 }
 
-/// The scene of the levels that have this error at most; `None` if they are shown already. Cells that are
-/// finer than this camera needs get its last level at once; the others never get coarser on the way.
+/// The scene of a step on the way to what a camera needs; `None` if it is shown already.
 fn next_scene(
     levels: &mut LevelsInMemory,
-    (camera, budget, error_px): (&Camera, usize, f32),
+    (camera, budget, index): (&Camera, usize, usize),
     shown: &mut Option<Vec<usize>>,
 ) -> Result<Option<Step>, Error> {
-    let cut = |error_px| -> Result<LodCut, Error> { Ok(levels.tree().cut(&[*camera], budget, error_px)?) };
-    let [_, .., last] = ERRORS_PX;
-    let (mut now, last) = (cut(error_px)?.levels, cut(last)?.levels);
-    for (cell, level) in now.iter_mut().enumerate() {
-        let before = shown.as_ref().map_or(usize::MAX, |shown| shown[cell]);
-        *level = if before <= last[cell] { last[cell] } else { before.min(*level) };
-    }
+    let now = levels.tree().step(shown.as_deref(), camera, budget, index)?;
     if shown.as_ref() == Some(&now) {
         return Ok(None);
     }
-    let scene = levels.scene(&now).map_err(|error| Error::Levels { message: error.to_string() })?;
+    let scene = levels.read(&now).map_err(|error| Error::Levels { message: error.to_string() })?;
     *shown = Some(now);
     Ok(Some(Step::Scene(scene)))
 }

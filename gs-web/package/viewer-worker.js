@@ -3,30 +3,42 @@
 
 import { answer } from "./answer.js";
 import init, { Engine } from "./gs_viewer.js";
+import { OpenScene } from "./open-scene.js";
 
+let module;
 let engine;
 let canvas;
 /** Scenes that are open, by the viewer's number for them. */
-const views = new Map();
+const scenes = new Map();
 let queue = Promise.resolve();
 
 const requests = {
   async open({ wanted, target }) {
     canvas = target;
-    await init({ module_or_path: new URL("./gs_viewer_bg.wasm", import.meta.url) });
+    const response = await fetch(new URL("./gs_viewer_bg.wasm", import.meta.url));
+    module = await WebAssembly.compile(await response.arrayBuffer());
+    await init({ module_or_path: module });
     engine = await Engine.open(wanted);
     return { backend: engine.name, reason: engine.reason };
   },
 
-  show({ scene, bytes, name }) {
-    const view = engine.view(new Uint8Array(bytes), name);
-    views.set(scene, view);
-    return JSON.parse(view.info());
+  async show({ scene, ...source }) {
+    // Bundlers find the worker by this form.
+    const newReader = () => new Worker(new URL("./levels-worker.js", import.meta.url), { type: "module" });
+    const changed = (change) => postMessage({ event: "levels", scene, ...change });
+    const opened = await OpenScene.of(engine, source, newReader, module, changed);
+    scenes.set(scene, opened);
+    return opened.info;
+  },
+
+  /** Lets the levels be read that a frame needs, before there is a picture. */
+  look({ scene, frame }) {
+    scenes.get(scene)?.look(frame);
   },
 
   close({ scene }) {
-    views.get(scene)?.free();
-    views.delete(scene);
+    scenes.get(scene)?.free();
+    scenes.delete(scene);
   },
 
   async frame({ scene, frame }) {
@@ -34,7 +46,8 @@ const requests = {
     const image = await drawn(scene, frame);
     const took = performance.now() - started;
     put(image, canvas);
-    return { took };
+    const { gaussians, complete } = scenes.get(scene);
+    return { took, gaussians, complete };
   },
 
   async png({ scene, frame }) {
@@ -46,9 +59,10 @@ const requests = {
 };
 
 async function drawn(scene, frame) {
-  const view = views.get(scene);
-  if (!view) throw new Error("the scene is no longer open");
-  const pixels = await view.pixels(JSON.stringify(frame));
+  const opened = scenes.get(scene);
+  if (!opened) throw new Error("the scene is no longer open");
+  const pixels = await opened.pixels(frame);
+  if (!pixels) throw new Error("nothing of the scene has been fetched yet");
   return new ImageData(new Uint8ClampedArray(pixels.buffer), frame.width, frame.height);
 }
 

@@ -24,6 +24,8 @@ export interface SceneInfo {
   size: [number, number] | null;
   /** The first camera of a 3D scene. */
   home: Camera | null;
+  /** Whether it has levels of detail, which are fetched as cameras need them; `gaussians` are those of the finest. */
+  streamed?: boolean;
 }
 
 /** A scene: an address, a file, or its bytes. */
@@ -38,13 +40,32 @@ export interface ViewerOptions {
   controls?: boolean;
   /** What a screen reader says of the canvas. */
   label?: string;
-  /** After each picture: its size, px, and the time that it took, ms. */
-  ondraw?: (picture: { width: number; height: number; took: number }) => void;
   /**
-   * The engine has stopped while it drew the open scene, and so has the next one, on the CPU. No scene is open then;
-   * another one can be loaded.
+   * The most Gaussians that are drawn of a scene with levels of detail (`lod-meta.json`), at least 1. Where its
+   * coarsest levels have more, those are drawn. Default: 1,000,000 with WebGPU, 300,000 on the CPU.
+   */
+  maxGaussians?: number;
+  /** After each picture. */
+  ondraw?: (picture: Drawn) => void;
+  /**
+   * A part of a scene with levels of detail can't be had: what is there stays open, without it. Or the engine has
+   * stopped while it drew the open scene, and so has the next one, on the CPU: no scene is open then; another one can
+   * be loaded.
    */
   onerror?: (error: Error) => void;
+}
+
+/** A picture that was drawn. */
+export interface Drawn {
+  /** Its size, px. */
+  width: number;
+  height: number;
+  /** The time that it took, ms. */
+  took: number;
+  /** The number of Gaussians that the engine has of the scene: of one with levels of detail, those that are there. */
+  gaussians: number;
+  /** Whether all levels of detail are there that the camera needs; always true of other scenes. */
+  complete: boolean;
 }
 
 export interface LoadOptions {
@@ -68,8 +89,8 @@ export interface Progress {
 export class Viewer {
   constructor(place: Element, options?: ViewerOptions);
   /**
-   * Opens a scene: PLY, compressed PLY, `.splat`, `.ksplat`, SPZ, SOG, glTF with its buffer inside, 2D scenes, or
-   * `.gsi`. It is drawn when the promise is fulfilled, unless the element has no size yet. The promise is rejected
+   * Opens a scene: PLY, compressed PLY, `.splat`, `.ksplat`, SPZ, SOG, glTF with its buffer inside, 2D scenes,
+   * `.gsi`, or the address of a streamed SOG (`lod-meta.json`). It is drawn when the promise is fulfilled, unless the element has no size yet. The promise is rejected
    * with an `Error` if the file can't be had, read or drawn; what was open before stays open. It is rejected with an
    * `AbortError` if another scene is asked for, or the viewer is disposed of, before.
    */
@@ -91,7 +112,7 @@ export class Viewer {
 }
 
 /**
- * `<gs-viewer src poster background camera fov alt backend controls="none">`. What is inside the element is shown if
+ * `<gs-viewer src poster background camera fov alt backend max-gaussians controls="none">`. What is inside the element is shown if
  * the scene can't be. Events: `load` (detail: `SceneInfo`), `progress` (detail: `Progress`) and `error` (detail:
  * `error`, `message`).
  */

@@ -2,7 +2,7 @@
 // part takes and gives. A worker computes, with WebGPU where the browser has it.
 
 import { Connection } from "./engine.js";
-import { Stage } from "./stage.js";
+import { Stage, frameOf } from "./stage.js";
 
 /** A viewer in an element of the page, whose size it takes. */
 export class Viewer {
@@ -20,8 +20,14 @@ export class Viewer {
   /** Done when the worker has answered what it was asked last. */
   #turn = Promise.resolve();
   #loads = 0;
-  /** The scene that is open: `{ id, bytes, name, info, worker, camera }`, where `worker` is the one that has it. */
+  /**
+   * The scene that is open: `{ id, bytes, name, address, info, worker, camera }`, where `worker` is the one that has
+   * it. Those with levels of detail also have `begun`, which is called when there is something to draw.
+   */
   #scene;
+  /** The scene with levels of detail that is being loaded, and what ends that. */
+  #loading;
+  #abandon;
   /** The scene on the stage: that one, or one whose first picture is being drawn. */
   #staged;
   #resized = new ResizeObserver(() => this.#stage.draw());
@@ -50,17 +56,19 @@ export class Viewer {
 
   /** Opens a scene. Of several calls, the last one counts. */
   async load(source, { name, signal, progress, camera } = {}) {
-    const scene = { id: ++this.#loads };
+    const scene = { id: ++this.#loads, maxGaussians: this.#options.maxGaussians };
+    this.#abandon?.();
     const isLast = () => scene.id === this.#loads;
     try {
-      scene.bytes = await bytesOf(source, { signal, progress });
+      Object.assign(scene, await contentOf(source, { signal, progress }));
       scene.name = name ?? nameOf(source);
       if (isLast()) await this.#ask(scene);
       if (isLast()) {
         const { home } = scene.info;
         if (home) scene.info.home = { ...home, ...camera };
-        await this.#show(scene);
+        if (scene.info.streamed) await this.#begin(scene, signal);
       }
+      if (isLast()) await this.#show(scene);
       if (!isLast()) throw abandoned();
     } catch (error) {
       // What was open before stays open.
@@ -101,6 +109,7 @@ export class Viewer {
   /** Ends the worker and removes the canvas. */
   dispose() {
     this.#loads++;
+    this.#abandon?.();
     this.#scene = undefined;
     this.#show(undefined);
     this.#resized.disconnect();
@@ -118,7 +127,10 @@ export class Viewer {
     if (this.#options.controls !== false) this.#stage.orbit.attach(canvas);
     // Bundlers find the worker by this form.
     const started = new Worker(new URL("./viewer-worker.js", import.meta.url), { type: "module" });
-    const worker = new Connection(started, () => this.#stopped(worker));
+    const worker = new Connection(started, (event) => {
+      if (event.event === "levels") this.#changed(event);
+      else this.#stopped(worker);
+    });
     this.#worker = Object.assign(worker, { canvas });
     try {
       const target = canvas.transferControlToOffscreen();
@@ -127,6 +139,31 @@ export class Viewer {
     } catch (error) {
       this.#stopped(worker);
       throw error;
+    }
+  }
+
+  /** Waits until there is something to draw of a scene with levels of detail. */
+  async #begin(scene, signal) {
+    const begun = new Promise((resolve, reject) => {
+      scene.begun = (error) => (error ? reject(new Error(error)) : resolve());
+      this.#abandon = () => reject(abandoned());
+      signal?.addEventListener("abort", this.#abandon);
+    });
+    const size = this.#size().map((side) => Math.max(1, side));
+    this.#loading = scene;
+    await Promise.all([begun, this.#ask(scene, "look", { frame: frameOf(scene.info.home, size) })]);
+  }
+
+  /** More of a scene can be drawn, or a part of it can't be had. */
+  #changed({ scene: id, error }) {
+    const scene = [this.#scene, this.#loading].find((scene) => scene?.id === id);
+    if (scene?.begun) {
+      scene.begun(error);
+      scene.begun = undefined;
+    } else if (scene && error) {
+      this.#options.onerror?.(new Error(error));
+    } else if (scene && scene === this.#staged) {
+      this.#stage.changed();
     }
   }
 
@@ -155,11 +192,11 @@ export class Viewer {
 
   async #attempt(wanted, scene, request, rest) {
     const worker = await (this.#opening ??= this.#open(wanted));
-    const { id, bytes, name } = scene;
+    const { id, bytes, name, address, maxGaussians } = scene;
     try {
       if (scene.worker !== worker) {
         // A copy of the bytes stays here, for another worker.
-        const info = await worker.ask("show", { scene: id, bytes, name });
+        const info = await worker.ask("show", { scene: id, bytes, name, address, maxGaussians });
         Object.assign(scene, { worker, info: scene.info ?? info });
       }
       return request && (await worker.ask(request, { scene: id, ...rest }));
@@ -187,9 +224,9 @@ export class Viewer {
   async #drawn(frame) {
     const scene = this.#staged;
     try {
-      const { took } = await this.#ask(scene, "frame", { frame: this.#colored(frame) });
+      const { took, gaussians, complete } = await this.#ask(scene, "frame", { frame: this.#colored(frame) });
       if (this.#canvas !== scene.worker.canvas) this.#replace(scene.worker.canvas);
-      this.#options.ondraw?.({ width: frame.width, height: frame.height, took });
+      this.#options.ondraw?.({ width: frame.width, height: frame.height, took, gaussians, complete });
       return took;
     } catch (error) {
       if (hasStopped(error) && scene === this.#scene && scene === this.#staged) {
@@ -227,15 +264,16 @@ const abandoned = () => new DOMException("another scene was asked for, or the vi
 /** Whether an error is the end of a worker: its engine has stopped, or it was closed for that reason. */
 const hasStopped = ({ fatal, closed }) => Boolean(fatal || closed);
 
-/** The bytes of an address, a file, or an array. */
-async function bytesOf(source, { signal, progress }) {
-  if (source instanceof ArrayBuffer) return source;
-  if (ArrayBuffer.isView(source)) return new Uint8Array(source.buffer, source.byteOffset, source.byteLength);
-  if (source instanceof Blob) return source.arrayBuffer();
+/** The bytes of an address, a file, or an array, and their address if they have one. */
+async function contentOf(source, { signal, progress }) {
+  if (source instanceof ArrayBuffer) return { bytes: source };
+  if (ArrayBuffer.isView(source)) return { bytes: new Uint8Array(source.buffer, source.byteOffset, source.byteLength) };
+  if (source instanceof Blob) return { bytes: await source.arrayBuffer() };
   const response = await fetch(source, { signal });
   if (!response.ok) throw new Error(`${source}: the server answers ${response.status} ${response.statusText}`.trim());
   const total = Number(response.headers.get("content-length")) || undefined;
-  if (!progress || !response.body) return response.arrayBuffer();
+  const address = response.url;
+  if (!progress || !response.body) return { bytes: await response.arrayBuffer(), address };
   const parts = [];
   let loaded = 0;
   for (const reader = response.body.getReader(); ; ) {
@@ -245,7 +283,7 @@ async function bytesOf(source, { signal, progress }) {
     loaded += value.length;
     progress({ loaded, total });
   }
-  return new Blob(parts).arrayBuffer();
+  return { bytes: await new Blob(parts).arrayBuffer(), address };
 }
 
 /** The file name of a source: its ending says the format where the content doesn't. */
@@ -331,6 +369,7 @@ export class GsViewerElement extends Base {
         background: colorOf(this.getAttribute("background")),
         controls: this.getAttribute("controls") !== "none",
         label: this.getAttribute("alt") ?? undefined,
+        maxGaussians: Number(this.getAttribute("max-gaussians")) || undefined,
         onerror: (error) => this.#fail(error),
       });
       const progress = (detail) => this.#tell("progress", detail);

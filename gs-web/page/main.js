@@ -88,7 +88,10 @@ function connect(running) {
 /** A new engine with this number of threads. */
 async function loaded(threads) {
   const { newWorker, wasm } = await engineParts(threads);
-  const connection = new Connection(newWorker(), (event, connection) => fit.event(event, connection));
+  const connection = new Connection(newWorker(), (event, connection) => {
+    if (event.event === "levels") view.levels(event);
+    else fit.event(event, connection);
+  });
   try {
     await connection.load(wasm, threads, newWorker);
     return connection;
@@ -177,8 +180,12 @@ $("theme").addEventListener("click", () => {
   fit.drawCurves();
 });
 
-const wanted = new URLSearchParams(location.search).get("backend");
-if (wanted) $("backend").value = wanted;
+const wanted = new URLSearchParams(location.search);
+if (wanted.has("backend")) $("backend").value = wanted.get("backend");
 connect();
 view.openEmbedded(() => choose($("tab-view")));
+if (wanted.has("scene")) {
+  choose($("tab-view"));
+  page.opening = view.fetched(wanted.get("scene")).catch((error) => error.shown || fail(error));
+}
 watchServer(page, view, () => choose($("tab-view"))).catch(fail);

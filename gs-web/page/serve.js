@@ -8,6 +8,9 @@ const $ = (id) => document.getElementById(id);
 /** Time between two looks at a run, ms. */
 const EVERY = 2000;
 
+/** The address of a file in the folder that is served. */
+const addressOf = (path) => `serve/file/${path.split("/").map(encodeURIComponent).join("/")}`;
+
 /** Shows the list if the page is served by the program, which marks it. */
 export async function watchServer(page, view, found) {
   if (!document.querySelector("meta[name=gs-serve]")) return;
@@ -45,13 +48,13 @@ export async function watchServer(page, view, found) {
       const before = shown.scene;
       shown = { ...shown, scene, sceneModified: modified };
       // The newest scene of a run may be another file than before.
-      await view.fetched(scene, again && before !== undefined);
+      await view.fetched(addressOf(scene), again && before !== undefined);
     }
     shown.modified = entry.modified;
   }
 
   async function drawRun({ path, table }) {
-    const response = await fetch(`serve/file/${table.split("/").map(encodeURIComponent).join("/")}`);
+    const response = await fetch(addressOf(table));
     const [head, ...rows] = (await response.text()).trim().split("\n").map((line) => line.split(","));
     const column = (names) => head.findIndex((name) => names.includes(name));
     const [step, count, loss, psnr] = [["step"], ["count", "gaussians"], ["loss"], ["psnr"]].map(column);

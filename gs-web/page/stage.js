@@ -21,6 +21,8 @@ export class Stage {
   #moving = false;
   #coarse = 1;
   #rest = 0;
+  /** Whether the camera has moved, and not come to rest since. */
+  #inMotion = false;
   /** The rectangle of a 2D scene, px of its image. */
   #rectangle;
 
@@ -45,7 +47,7 @@ export class Stage {
   }
 
   /** What is drawn of the scene at this size. */
-  frame([width, height]) {
+  frame([width, height], moving = false) {
     const frame = { width, height };
     if (this.#rectangle) {
       // The whole image, with its sides in proportion.
@@ -54,9 +56,7 @@ export class Stage {
       frame.rectangle = [(columns - width * scale) / 2, (rows - height * scale) / 2, width * scale, height * scale];
       return frame;
     }
-    const { fov, ...pose } = this.orbit.pose;
-    frame.camera = { ...pose, fov: acrossOf(fov, width, height) };
-    return frame;
+    return { ...frameOf(this.orbit.pose, [width, height]), moving };
   }
 
   /** Columns and rows of a picture that is coarser by a factor. */
@@ -66,8 +66,14 @@ export class Stage {
 
   #moved() {
     clearTimeout(this.#rest);
+    this.#inMotion = true;
     this.#rest = setTimeout(() => this.draw(), REST_MS);
     this.draw(true);
+  }
+
+  /** Draws a scene that has changed, as coarsely as the movement of its camera needs. */
+  changed() {
+    return this.draw(this.#inMotion);
   }
 
   /**
@@ -84,13 +90,21 @@ export class Stage {
     const moving = this.#moving;
     this.#last = this.#next.catch(() => {});
     this.#next = undefined;
-    if (!moving) clearTimeout(this.#rest);
+    if (!moving) {
+      clearTimeout(this.#rest);
+      this.#inMotion = false;
+    }
     if (!this.info || this.size().includes(0)) return;
     const size = this.size(moving ? this.#coarse : 1).map((side) => Math.max(1, side));
-    const took = await this.#draw(this.frame(size));
+    const took = await this.#draw(this.frame(size, moving));
     if (moving && took > MOVING_MS && this.#coarse < 8) this.#coarse *= 1.5;
     else if (moving && took < MOVING_MS / 4 && this.#coarse > 1) this.#coarse = Math.max(1, this.#coarse / 1.5);
   }
+}
+
+/** A picture of this size from a camera. */
+export function frameOf({ fov, ...pose }, [width, height]) {
+  return { width, height, camera: { ...pose, fov: acrossOf(fov, width, height) } };
 }
 
 /** The horizontal field of view of a picture whose shorter side has the field of view `fov`, degrees. */

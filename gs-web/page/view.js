@@ -35,7 +35,7 @@ export class ViewPanel {
   }
 
   async open(file) {
-    await this.#show(file.name, () => file.arrayBuffer());
+    await this.#show(file.name, async () => ({ bytes: await file.arrayBuffer() }));
   }
 
   /** Opens the scene inside a page of one file, if there is one. */
@@ -44,17 +44,18 @@ export class ViewPanel {
     if (!element) return;
     found();
     const address = () => `data:application/octet-stream;base64,${element.textContent.trim()}`;
-    await this.#show(element.dataset.name, async () => (await fetch(address())).arrayBuffer()).catch(() => {});
+    const read = async () => ({ bytes: await (await fetch(address())).arrayBuffer() });
+    await this.#show(element.dataset.name, read).catch(() => {});
   }
 
   /** Shows the scene that `read` reads; with `again`, the camera stays where it is. */
   async #show(name, read, again = false) {
     this.#words(`Reading ${name}…`);
-    const bytes = await read();
+    const { bytes, address } = await read();
     this.#words(`Reading ${name}, ${(bytes.byteLength / 1e6).toFixed(1)} MB…`);
     let info;
     try {
-      info = await this.#page.ask("openScene", { bytes, name }, [bytes]);
+      info = await this.#page.ask("openScene", { bytes, name, address }, [bytes]);
     } catch (error) {
       this.#words(this.#stage.info ? "The scene before it stays open." : "No scene is open.");
       throw Object.assign(error, { shown: true });
@@ -64,9 +65,15 @@ export class ViewPanel {
     const { kind, shDegree } = info;
     $("degree").replaceChildren(new Option("all", ""), ...Array.from({ length: shDegree }, (_, k) => new Option(k, k)));
     for (const id of ["order", "antialias", "degree"]) $(id).disabled = kind === "2d";
-    $("save-sog").disabled = kind === "2d";
+    $("save-sog").disabled = kind === "2d" || Boolean(info.streamed);
     $("shot").disabled = false;
     await this.#stage.show(info, again);
+  }
+
+  /** More of a scene with levels of detail can be drawn, or a part of it can't be had. */
+  levels({ error }) {
+    if (error) this.#page.fail(new Error(error));
+    else this.#stage.changed().catch(() => {});
   }
 
   /** Draws the scene. */
@@ -94,11 +101,14 @@ export class ViewPanel {
   /** Draws a frame, and says how long it took. */
   async #drawn(frame) {
     try {
-      const { took } = await this.#page.ask("frame", { frame: this.#chosen(frame) });
-      const { format, gaussians, losses } = this.#stage.info;
+      const { took, gaussians: drawn, complete } = await this.#page.ask("frame", { frame: this.#chosen(frame) });
+      const { format, gaussians, losses, streamed } = this.#stage.info;
+      const number = (count) => count.toLocaleString("en");
+      const levels = streamed ? `${number(drawn)} of ${number(gaussians)}` : number(gaussians);
+      const coming = complete ? "" : "; finer ones are coming";
       const lost = losses?.length ? `; ${losses.join("; ")}` : "";
       const size = `${frame.width}×${frame.height} px`;
-      this.#words(`${format}, ${gaussians.toLocaleString("en")} Gaussians, ${size} in ${took.toFixed(0)} ms${lost}`);
+      this.#words(`${format}, ${levels} Gaussians, ${size} in ${took.toFixed(0)} ms${coming}${lost}`);
       document.body.dataset.frames = Number(document.body.dataset.frames ?? 0) + 1;
       return took;
     } catch {
@@ -123,12 +133,12 @@ export class ViewPanel {
   }
 
   /** Opens the scene of an address; a scene that was open before keeps its camera if `again`. */
-  async fetched(path, again = false) {
+  async fetched(address, again = false) {
     const read = async () => {
-      const response = await fetch(`serve/file/${path.split("/").map(encodeURIComponent).join("/")}`);
-      if (!response.ok) throw new Error(`${path}: ${await response.text()}`);
-      return response.arrayBuffer();
+      const response = await fetch(address);
+      if (!response.ok) throw new Error(`${address}: ${(await response.text()).slice(0, 200) || response.status}`);
+      return { bytes: await response.arrayBuffer(), address: response.url };
     };
-    await this.#show(path.split("/").pop(), read, again);
+    await this.#show(decodeURIComponent(new URL(address, location.href).pathname.split("/").pop()), read, again);
   }
 }

@@ -6,6 +6,7 @@
 
 import { answer, failure } from "./answer.js";
 import init, { Engine, memoryBytes, policies, runThread, startThreads } from "./gs_web.js";
+import { OpenScene } from "./open-scene.js";
 import { builtInTarget } from "./targets.js";
 
 /** How long a running fit makes steps before it reports, ms. */
@@ -15,8 +16,11 @@ const BETWEEN_PICTURES = 200;
 /** Least time between two checkpoints of a running fit, from which it goes on if the engine stops, ms. */
 const BETWEEN_CHECKPOINTS = 5000;
 
+/** The engine's module. */
+let module;
 let engine;
-let view;
+/** The scene that is open. */
+let scene;
 const canvases = {};
 /** Fits by slot: { fit, width, height, running, shown, kept }. */
 const fits = {};
@@ -29,8 +33,8 @@ let queue = Promise.resolve();
 
 const requests = {
   /** Loads the module, in new memory or in that of another worker; returns what shares are made of. */
-  async load({ wasm, module, memory, shares }) {
-    module ??= await WebAssembly.compile(wasm);
+  async load({ wasm, module: given, memory, shares }) {
+    module = given ?? (await WebAssembly.compile(wasm));
     const loaded = await init({ module_or_path: module, memory });
     return shares ? { module, memory: loaded.memory } : undefined;
   },
@@ -97,31 +101,34 @@ const requests = {
     return fits[slot].fit.file(kind);
   },
 
-  openScene({ bytes, name }) {
-    const opened = engine.view(new Uint8Array(bytes), name);
-    view?.free();
-    view = opened;
-    return { ...JSON.parse(view.info()), memory: memoryBytes() };
+  async openScene(source) {
+    const newReader = () => new Worker(new URL("levels-worker.js", import.meta.url), { type: "module" });
+    const changed = (change) => scene === opened && postMessage({ event: "levels", ...change });
+    const opened = await OpenScene.of(engine, source, newReader, module, changed);
+    scene?.free();
+    scene = opened;
+    return { ...opened.info, memory: memoryBytes() };
   },
 
   async frame({ frame }) {
     const started = performance.now();
-    const pixels = await view.pixels(JSON.stringify(frame));
+    const pixels = await scene.pixels(frame);
     const took = performance.now() - started;
-    put("view", pixels, frame.width, frame.height);
-    return { took };
+    if (pixels) put("view", pixels, frame.width, frame.height);
+    const { gaussians, complete } = scene;
+    return { took, gaussians, complete };
   },
 
   async viewPixels({ frame }) {
-    return view.pixels(JSON.stringify(frame));
+    return scene.pixels(frame);
   },
 
   async viewPng({ frame }) {
-    return view.png(JSON.stringify(frame));
+    return scene.view.png(JSON.stringify(frame));
   },
 
   sceneFile({ name }) {
-    return view.file(name);
+    return scene.view.file(name);
   },
 
   fitPixels({ slot, kind }) {

@@ -8,6 +8,8 @@
 mod engine;
 #[cfg(feature = "page")]
 mod fit;
+#[cfg(feature = "viewer")]
+mod levels;
 #[cfg(feature = "picture")]
 mod picture;
 #[cfg(feature = "viewer")]
@@ -25,14 +27,14 @@ use wasm_bindgen::prelude::*;
 pub use crate::engine::Engine;
 #[cfg(feature = "picture")]
 pub use crate::picture::Picture;
-#[cfg(feature = "viewer")]
-pub use crate::view::View;
 #[cfg(feature = "page")]
 pub use crate::{
     fit::Fit,
     settings::policies,
     threads::{run_thread, start_threads},
 };
+#[cfg(feature = "viewer")]
+pub use crate::{levels::Levels, view::View};
 
 /// The text of any error, for JavaScript.
 fn failure(error: impl std::fmt::Display) -> JsError {

@@ -1,6 +1,6 @@
 //! A scene to look at.
 
-use std::path::Path;
+use std::{cell::OnceCell, path::Path};
 
 use glam::Vec3;
 use gs_backend::{AnyRasterizer, AnySplats};
@@ -27,9 +27,21 @@ pub struct View {
 
 #[derive(Debug)]
 enum Shown {
-    TwoD { file: Box<File2d>, splats: Box<AnySplats<Scene2d>> },
-    ThreeD { file: Box<File3d>, splats: Box<AnySplats<Scene3d>> },
+    TwoD {
+        file: Box<File2d>,
+        splats: Box<AnySplats<Scene2d>>,
+    },
+    /// Where all Gaussians take long, `few` are for pictures while the camera moves, and all of them go to the
+    /// backend when it first rests.
+    ThreeD {
+        file: Box<File3d>,
+        all: Box<OnceCell<AnySplats<Scene3d>>>,
+        few: Option<Box<AnySplats<Scene3d>>>,
+    },
 }
+
+/// The most Gaussians of a 3D scene that the CPU draws while the camera moves.
+const FEW: usize = 100_000;
 
 /// Sides of the picture for which the first camera is described, px.
 const SQUARE: u32 = 512;
@@ -54,11 +66,14 @@ struct Info {
 /// A picture of a scene.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase", deny_unknown_fields)]
-struct Frame {
+pub(crate) struct Frame {
     width: u32,
     height: u32,
     /// The camera of a 3D scene; the first one, if there is none.
     camera: Option<Pose>,
+    /// Whether the camera moves, so that the next picture comes soon.
+    #[serde(default)]
+    moving: bool,
     /// The rectangle of a 2D scene: left, top, width, height, px of its image.
     rectangle: Option<[f32; 4]>,
     order: Option<Order>,
@@ -71,11 +86,48 @@ struct Frame {
 /// degrees.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "camelCase", deny_unknown_fields)]
-struct Pose {
+pub(crate) struct Pose {
     position: [f32; 3],
     target: [f32; 3],
     up: [f32; 3],
     fov: f32,
+}
+
+impl Pose {
+    /// The camera that `gs render` starts with, slightly above the scene.
+    pub(crate) fn home(bulk: &Bulk) -> Option<Self> {
+        // The field of view does not depend on the size if that is square.
+        let camera = overview(bulk, SQUARE, SQUARE)?;
+        Some(Self {
+            position: camera.position().to_array(),
+            target: bulk.center.to_array(),
+            up: UP.to_array(),
+            fov: 2.0 * (0.5 * SQUARE as f32 / camera.focal.x).atan().to_degrees(),
+        })
+    }
+}
+
+impl Frame {
+    /// The camera of a 3D scene, or the first one for its bulk.
+    pub(crate) fn camera(&self, bulk: impl FnOnce() -> Option<Bulk>) -> Result<Camera, JsError> {
+        let (width, height) = (self.width, self.height);
+        let camera = match &self.camera {
+            Some(pose) => Camera::looking_forward(width, height, pose.fov.to_radians()).looking_at(
+                pose.position.into(),
+                pose.target.into(),
+                pose.up.into(),
+            ),
+            None => bulk().and_then(|bulk| overview(&bulk, width, height)),
+        };
+        camera.ok_or_else(|| JsError::new("the camera looks straight up or down"))
+    }
+}
+
+/// Up in a scene that does not say.
+const UP: Vec3 = Vec3::NEG_Y;
+
+fn overview(bulk: &Bulk, width: u32, height: u32) -> Option<Camera> {
+    bulk.overview(width, height, Bulk::FIELD_OF_VIEW, UP)
 }
 
 #[wasm_bindgen]
@@ -84,18 +136,30 @@ impl Engine {
     pub fn view(&self, bytes: Vec<u8>, name: String) -> Result<View, JsError> {
         let scene = decode_scene(&bytes, Path::new(&name)).map_err(failure)?;
         drop(bytes);
-        let parameterization = Parameterization::ScaleRotation;
+        View::of(self, scene)
+    }
+}
+
+impl View {
+    pub(crate) fn of(engine: &Engine, scene: AnyScene) -> Result<Self, JsError> {
+        let (on, parameterization) = (engine.on, Parameterization::ScaleRotation);
         let shown = match scene {
             AnyScene::TwoD(file) => {
-                let splats = Box::new(self.on.upload(&file.scene, parameterization).map_err(failure)?);
+                let splats = Box::new(on.upload(&file.scene, parameterization).map_err(failure)?);
                 Shown::TwoD { splats, file }
             }
             AnyScene::ThreeD(file) => {
-                let splats = Box::new(self.on.upload(&file.scene, parameterization).map_err(failure)?);
-                Shown::ThreeD { splats, file }
+                let upload = |scene: &Scene3d| on.upload(scene, parameterization).map_err(failure);
+                let takes_long = matches!(on, AnyRasterizer::Cpu(_)) && file.scene.len() > FEW;
+                if takes_long {
+                    let few = Some(Box::new(upload(&file.scene.thinned(FEW))?));
+                    Shown::ThreeD { all: Box::default(), few, file }
+                } else {
+                    Shown::ThreeD { all: Box::new(upload(&file.scene)?.into()), few: None, file }
+                }
             }
         };
-        Ok(View { on: self.on, shown })
+        Ok(Self { on, shown })
     }
 }
 
@@ -126,13 +190,7 @@ impl View {
                 info.gaussians = file.scene.len();
                 info.sh_degree = file.scene.sh_degree;
                 info.losses = file.losses.iter().map(ConversionLoss::to_string).collect();
-                // The field of view does not depend on the size if that is square.
-                info.home = home(&file.scene, SQUARE, SQUARE).map(|(camera, target, up)| Pose {
-                    position: camera.position().to_array(),
-                    target: target.to_array(),
-                    up: up.to_array(),
-                    fov: 2.0 * (0.5 * SQUARE as f32 / camera.focal.x).atan().to_degrees(),
-                });
+                info.home = Bulk::of(&file.scene).and_then(|bulk| Pose::home(&bulk));
             }
         }
         serde_json::to_string(&info).unwrap_or_default()
@@ -186,16 +244,16 @@ impl View {
                 }
                 Rasterizer::<Scene2d>::draw(self.on, splats, &canvas, &settings).await
             }
-            Shown::ThreeD { file, splats } => {
-                let camera = match &frame.camera {
-                    Some(pose) => Camera::looking_forward(width, height, pose.fov.to_radians()).looking_at(
-                        pose.position.into(),
-                        pose.target.into(),
-                        pose.up.into(),
-                    ),
-                    None => home(&file.scene, width, height).map(|(camera, ..)| camera),
+            Shown::ThreeD { file, all, few } => {
+                let all = || match all.get() {
+                    Some(all) => Ok(all),
+                    None => {
+                        let splats = self.on.upload(&file.scene, Parameterization::ScaleRotation).map_err(failure)?;
+                        Ok::<_, JsError>(all.get_or_init(|| splats))
+                    }
                 };
-                let camera = camera.ok_or_else(|| JsError::new("the camera looks straight up or down"))?;
+                let splats = few.as_deref().filter(|_| frame.moving).map_or_else(all, Ok)?;
+                let camera = frame.camera(|| Bulk::of(&file.scene))?;
                 Rasterizer::<Scene3d>::draw(self.on, splats, &camera, &settings).await
             }
         };
@@ -205,10 +263,4 @@ impl View {
             Shown::ThreeD { .. } => image,
         })
     }
-}
-
-/// The camera that `gs render` starts with, slightly above the scene, what it looks at, and the up direction.
-fn home(scene: &Scene3d, width: u32, height: u32) -> Option<(Camera, Vec3, Vec3)> {
-    let (bulk, up) = (Bulk::of(scene)?, Vec3::NEG_Y);
-    Some((bulk.overview(width, height, Bulk::FIELD_OF_VIEW, up)?, bulk.center, up))
 }

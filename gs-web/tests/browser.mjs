@@ -159,15 +159,15 @@ export function psnr(pixels, png) {
 }
 
 /** A scene of 400 Gaussians of degree 1, as a PLY in text. */
-export function makeScene(file) {
+export function makeScene(file, count = 400) {
   const names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", ...Array.from({ length: 9 }, (_, k) => `f_rest_${k}`), "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
   const rows = [];
-  for (let i = 0; i < 400; i++) {
+  for (let i = 0; i < count; i++) {
     const wave = (k) => Math.sin(1.7 * i + 2.3 * k);
     const numbers = [2 * wave(1), 2 * wave(2), 2 * wave(3), wave(4), wave(5), wave(6), ...Array.from({ length: 9 }, (_, k) => 0.3 * wave(7 + k)), 2 * wave(20), -2 + wave(21), -2 + wave(22), -2.5, 1, wave(23), wave(24), wave(25)];
     rows.push(numbers.map((number) => number.toFixed(6)).join(" "));
   }
-  const header = ["ply", "format ascii 1.0", "element vertex 400", ...names.map((name) => `property float ${name}`), "end_header"];
+  const header = ["ply", "format ascii 1.0", `element vertex ${count}`, ...names.map((name) => `property float ${name}`), "end_header"];
   fs.writeFileSync(file, `${[...header, ...rows].join("\n")}\n`);
 }
 

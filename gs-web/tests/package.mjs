@@ -37,6 +37,8 @@ const rows = fs.readFileSync(at("made.ply"), "utf8").trim().split("\n");
 fs.writeFileSync(inSite("half.ply"), rows.slice(0, -200).join("\n").replace("vertex 400", "vertex 200"));
 run("render", inSite("scene.sog"), "-o", at("scene.png"), "--backend", "cpu", "--size", "256x256");
 run("render", inSite("scene.sog"), "-o", inSite("poster.png"), "--backend", "cpu", "--size", "60x40");
+makeScene(at("city.ply"), 9000);
+run("convert", at("city.ply"), inSite("city/lod-meta.json"));
 fs.writeFileSync(inSite("broken.sog"), fs.readFileSync(inSite("scene.sog")).subarray(0, 400));
 fs.writeFileSync(inSite("fallback.png"), picture(48, 32));
 run("encode", inSite("fallback.png"), "-o", inSite("photo.gsi"), "--quality", "60");
@@ -140,7 +142,8 @@ async function placed(browser, options = {}) {
   await page.evaluate(async (options) => {
     globalThis.errors = [];
     const onerror = ({ message }) => errors.push(message);
-    globalThis.viewer = new api.Viewer(document.getElementById("place"), { ...options, onerror });
+    const ondraw = (picture) => globalThis.ondrawn?.(picture);
+    globalThis.viewer = new api.Viewer(document.getElementById("place"), { ...options, onerror, ondraw });
     const files = {};
     for (const name of ["scene.sog", "half.ply", "broken.sog"]) files[name] = await (await fetch(name)).arrayBuffer();
     globalThis.open = (scene, name = scene, more = {}) =>
@@ -393,6 +396,58 @@ await viewer.load(3);
     assert.equal(disposed[1], "Error: the viewer was disposed of");
     assert.deepEqual(complaints, []);
     changed.clear();
+    await browser.close();
+  },
+
+  async "levels of detail are fetched as the camera needs them, coarse ones first"() {
+    const browser = await launch();
+    const { page, complaints } = await placed(browser, { maxGaussians: 5000 });
+    await page.evaluate(() => {
+      globalThis.load = () => viewer.load("city/lod-meta.json").then(({ gaussians, streamed }) => [gaussians, streamed], ({ message }) => message);
+      let last;
+      globalThis.ondrawn = (picture) => (last = { ...picture, at: performance.now() });
+      /** Gaussians of the last picture, once it is complete and no other one follows. */
+      globalThis.settled = async (camera) => {
+        viewer.camera = camera;
+        const set = performance.now();
+        while (!(last.complete && last.at > set && performance.now() - last.at > 600)) await new Promise((resolve) => setTimeout(resolve, 50));
+        return last.gaussians;
+      };
+    });
+    // A chunk that is missing from the start is the load's error, and one later is told to the page.
+    withheld.add("means_l.webp");
+    assert.match(await page.evaluate(() => load()), /_0\/means_l\.webp: the server answers 404/);
+    assert.equal(await page.evaluate(() => viewer.info), undefined);
+    withheld.clear();
+    asked.length = 0;
+    assert.deepEqual(await page.evaluate(() => load()), [9000, true]);
+    const { target } = await page.evaluate(() => viewer.camera);
+    const far = await page.evaluate((target) => settled({ position: [target[0], target[1], target[2] - 4000], target }), target);
+    const before = asked.length;
+    const near = await page.evaluate((target) => settled({ position: [target[0], target[1], target[2] - 1], target }), target);
+    report("Gaussians from afar and near", far, near, "files", before, asked.length);
+    assert.ok(far < near && near <= 5000 && asked.length > before, `${far} ${near}`);
+    // What was there is not fetched again.
+    const after = asked.length;
+    assert.equal(await page.evaluate((target) => settled({ position: [target[0], target[1], target[2] - 4000], target }), target), far);
+    assert.equal(asked.length, after);
+    // The picture is that of the program, from the levels that it takes.
+    const camera = await page.evaluate((target) => settled({ position: [target[0], target[1], target[2] - 1], target, fov: 50 }).then(() => viewer.camera), target);
+    const { position, up } = camera;
+    fs.writeFileSync(at("near.json"), JSON.stringify({ width: 256, height: 256, fov: camera.fov, up, frames: 1, keys: [{ position, target: camera.target }] }));
+    run("render", inSite("city/lod-meta.json"), "--path", at("near.json"), "-o", at("near.png"), "--backend", "cpu", "--max-gaussians", "5000");
+    const bytes = await page.evaluate(async () => {
+      const bitmap = await createImageBitmap(await viewer.snapshot([256, 256]));
+      const context = new OffscreenCanvas(256, 256).getContext("2d");
+      context.drawImage(bitmap, 0, 0);
+      return [...context.getImageData(0, 0, 256, 256).data];
+    });
+    const found = psnr(Buffer.from(bytes), fs.readFileSync(at("near.png")));
+    report("dB against gs render", found);
+    assert.ok(found > 45, `${found} dB`);
+    assert.match(await page.evaluate(() => fetch("city/lod-meta.json").then((r) => r.blob()).then((blob) => viewer.load(blob, { name: "lod-meta.json" })).then(String, ({ message }) => message)), /open it by its address/);
+    assert.equal(await page.evaluate(() => viewer.info.gaussians), 9000, "the scene before stays open");
+    assert.deepEqual([...complaints, ...(await page.evaluate(() => errors))], []);
     await browser.close();
   },
 

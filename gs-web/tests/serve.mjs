@@ -5,20 +5,64 @@ import { spawn } from "node:child_process";
 import fs from "node:fs";
 import { once } from "node:events";
 import { createInterface } from "node:readline";
-import { at, hasThreads, opened, program, report, status } from "./browser.mjs";
+import { at, hasThreads, makeScene, opened, problem, program, report, run, status } from "./browser.mjs";
 import { picture } from "./fit.mjs";
 
+/** `gs serve` for a folder, and the address that it prints. */
+async function served(folder) {
+  const server = spawn(program, ["serve", folder, "--port", "0"], { stdio: ["ignore", "pipe", "inherit"] });
+  const [line] = await once(createInterface({ input: server.stdout }), "line");
+  return { server, home: line.split(" ")[0] };
+}
+
 export const tests = {
+  async "levels of detail are streamed from gs serve and by an address"() {
+    const folder = at("cities");
+    makeScene(at("city.ply"), 9000);
+    run("convert", at("city.ply"), `${folder}/city/lod-meta.json`);
+    const { server, home } = await served(folder);
+    try {
+      const words = (page) => page.$eval("#view-words", (element) => element.textContent);
+      const complete = (page) => page.waitForFunction(
+        () => /^streamed SOG, [\d,]+ of 9,000 Gaussians, .* ms$/.test(document.getElementById("view-words").textContent),
+        { timeout: 60_000, polling: 100 });
+      const { page, complaints } = await opened(`${home}?backend=cpu`);
+      await page.waitForSelector("#served-list option[value='scene city/lod-meta.json']", { timeout: 60_000 });
+      await page.select("#served-list", "scene city/lod-meta.json");
+      await complete(page);
+      const far = Number(/([\d,]+) of/.exec(await words(page))[1].replace(",", ""));
+      await page.focus("#canvas-view");
+      for (let k = 0; k < 20; k++) await page.keyboard.press("+");
+      await page.waitForFunction((far) => Number(/([\d,]+) of/.exec(document.getElementById("view-words").textContent)?.[1].replace(",", "")) > far, { timeout: 60_000, polling: 100 }, far);
+      report("from afar", far, "and near:", await words(page));
+      assert.deepEqual(complaints, []);
+      await page.close();
+      const other = await opened(`${home}?backend=cpu&scene=serve/file/city/lod-meta.json`);
+      await complete(other.page);
+      assert.deepEqual(other.complaints, []);
+      await other.page.close();
+      // A chunk that is not there is named.
+      fs.rmSync(`${folder}/city`, { recursive: true });
+      run("convert", at("city.ply"), `${folder}/city/lod-meta.json`);
+      for (const name of fs.readdirSync(`${folder}/city`)) fs.rmSync(`${folder}/city/${name}/quats.webp`, { force: true });
+      const broken = await opened(`${home}?backend=cpu&scene=serve/file/city/lod-meta.json`);
+      await broken.page.waitForFunction(() => /quats\.webp: the server answers 404/.test(document.getElementById("problem").textContent), { timeout: 60_000 });
+      report(await problem(broken.page));
+      await broken.page.close();
+    } finally {
+      server.kill();
+    }
+  },
+
   async "a fit that goes on is shown by gs serve"() {
     const folder = at("served");
     fs.mkdirSync(folder);
     fs.writeFileSync(at("served.png"), picture(256, 256));
-    const server = spawn(program, ["serve", folder, "--port", "0"], { stdio: ["ignore", "pipe", "inherit"] });
-    const [line] = await once(createInterface({ input: server.stdout }), "line");
+    const { server, home } = await served(folder);
     const words = ["fit", at("served.png"), "-n", "500", "-i", "100000", "--checkpoint-every", "20", "--threads", "1", "--backend", "cpu", "-o", `${folder}/run`];
     const fit = spawn(program, words, { stdio: "ignore" });
     try {
-      const { page, complaints } = await opened(`${line.split(" ")[0]}?backend=cpu`);
+      const { page, complaints } = await opened(`${home}?backend=cpu`);
       assert.match(await status(page), hasThreads ? /; (\d+|one) threads?, as this browser offers/ : /; one thread, as/);
       await page.waitForSelector("#served-list option[value='run run']", { timeout: 60_000 });
       await page.select("#served-list", "run run");

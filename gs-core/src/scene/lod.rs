@@ -30,6 +30,11 @@ impl Bounds {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
+    /// The distance of a point from the box, 0 inside, world units.
+    pub fn distance(&self, point: Vec3) -> f32 {
+        (self.min - point).max(point - self.max).max(Vec3::ZERO).length()
+    }
+
     fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|k| {
             let pick = |axis: usize| if k >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
@@ -81,6 +86,9 @@ pub struct LodCut {
 impl LodNode {
     /// The `error_px` of [`Self::cut`] for pictures that should look like the finest level, px.
     pub const USUAL_ERROR_PX: f32 = 1.0;
+
+    /// Largest projected errors that are reached one after the other, px, so that a coarse picture comes soon.
+    pub const STEPS_PX: [f32; 3] = [16.0, 4.0, Self::USUAL_ERROR_PX];
 
     /// The box around all Gaussians.
     pub fn bounds(&self) -> &Bounds {
@@ -134,6 +142,32 @@ impl LodNode {
         let levels = choices.iter().map(|cell| last(cell).level).collect();
         let error_px = choices.iter().map(|cell| last(cell).error_px).fold(0.0, f32::max);
         Ok(LodCut { levels, gaussians, error_px })
+    }
+
+    /// Levels on the way from those `shown`, or from nothing, to the [`cut`](Self::cut) of a camera for the last
+    /// of [`STEPS_PX`](Self::STEPS_PX): those to read for the step of this index. Cells that are finer than the
+    /// camera needs get their last level at once. The others never get coarser on the way, so that the budget
+    /// holds in each step.
+    ///
+    /// # Errors
+    /// Those of [`cut`](Self::cut).
+    ///
+    /// # Panics
+    /// Where there is no step of this index, or `shown` has another number of levels than there are cells.
+    pub fn step(
+        &self,
+        shown: Option<&[usize]>,
+        camera: &Camera,
+        budget: usize,
+        index: usize,
+    ) -> Result<Vec<usize>, Error> {
+        let cut = |error_px| Ok::<_, Error>(self.cut(&[*camera], budget, error_px)?.levels);
+        let (mut levels, end) = (cut(Self::STEPS_PX[index])?, cut(Self::USUAL_ERROR_PX)?);
+        for (cell, level) in levels.iter_mut().enumerate() {
+            let before = shown.map_or(usize::MAX, |shown| shown[cell]);
+            *level = if before <= end[cell] { end[cell] } else { before.min(*level) };
+        }
+        Ok(levels)
     }
 }
 
@@ -256,6 +290,30 @@ mod tests {
             let cells = tree.cells();
             let finest = cells.iter().map(|(bounds, levels)| levels[0].error * px_per_world(&camera, bounds));
             assert!(best.error_px <= finest.fold(0.0, f32::max));
+        }
+    }
+
+    #[test]
+    fn steps_end_at_the_cut_and_never_get_coarser_or_exceed_the_budget() {
+        let cases: Vec<_> = cases().collect();
+        for ((tree, camera), (_, before)) in cases.iter().zip(cases.iter().skip(1)) {
+            let budget = tree.cut(&[], 1, 1.0).unwrap().gaussians + 800;
+            let cut = |camera: &Camera, px| tree.cut(&[*camera], budget, px).unwrap();
+            let (start, end) = (cut(before, 1.0).levels, cut(camera, 1.0));
+            let gaussians = |levels: &[usize]| -> usize {
+                tree.cells().iter().zip(levels).map(|((_, cell), &level)| cell[level].gaussians).sum()
+            };
+            let mut shown = start;
+            for index in 0..LodNode::STEPS_PX.len() {
+                let next = tree.step(Some(&shown), camera, budget, index).unwrap();
+                assert!(gaussians(&next) <= budget);
+                let is_finer =
+                    next.iter().zip(&shown).zip(&end.levels).all(|((next, shown), end)| next <= shown.max(end));
+                assert!(is_finer, "{shown:?} to {next:?}, in the end {:?}", end.levels);
+                shown = next;
+            }
+            assert_eq!(shown, end.levels);
+            assert_eq!(tree.step(None, camera, budget, 0).unwrap(), cut(camera, LodNode::STEPS_PX[0]).levels);
         }
     }
 

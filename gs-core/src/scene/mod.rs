@@ -5,6 +5,7 @@ mod lod;
 mod region;
 mod scene2d;
 mod scene3d;
+mod thinned;
 
 use std::fmt::Debug;
 

@@ -82,6 +82,16 @@ impl Scene3d {
         Self { sh_degree, sh, ..self }
     }
 
+    /// Makes room for further Gaussians of the scene's degree.
+    pub fn reserve(&mut self, additional: usize) {
+        let coefficients = additional * self.sh_len();
+        self.means.reserve(additional);
+        self.log_scales.reserve(additional);
+        self.rotations.reserve(additional);
+        self.opacity_logits.reserve(additional);
+        self.sh.reserve(coefficients);
+    }
+
     /// Appends the Gaussians of another scene. Both get the higher of their SH degrees.
     pub fn append(&mut self, other: Self) {
         let degree = self.sh_degree.max(other.sh_degree);

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     constants::NEAR_WORLD,
     error::Error,
-    scene::{Scene, Scene3d, sigmoid},
+    scene::{Bounds, LodNode, Scene, Scene3d, sigmoid},
     view::Camera,
 };
 
@@ -72,15 +72,26 @@ impl Bulk {
         if seen.iter().any(&opaque) {
             seen.retain(opaque);
         }
+        let extent = |index: &usize| REACH * scene.log_scales[*index].max_element().exp();
+        Self::around(&seen.iter().map(|index| (scene.means[*index], extent(index))).collect::<Vec<_>>())
+    }
+
+    /// The bulk of a scene of which only the cells are known; its Gaussians are taken to be in their centres.
+    pub fn of_cells(tree: &LodNode) -> Option<Self> {
+        let center = |bounds: &Bounds| bounds.min.midpoint(bounds.max);
+        Self::around(&tree.cells().iter().map(|(bounds, _)| (center(bounds), 0.0)).collect::<Vec<_>>())
+    }
+
+    /// The bulk of things with a position and an extent.
+    fn around(things: &[(Vec3, f32)]) -> Option<Self> {
         let quantile = |mut values: Vec<f32>, share: f32| {
             values.sort_by(f32::total_cmp);
             values.get(((values.len() as f32 * share) as usize).min(values.len().saturating_sub(1))).copied()
         };
-        let median = |axis: usize| quantile(seen.iter().map(|&index| scene.means[index][axis]).collect(), 0.5);
+        let median = |axis: usize| quantile(things.iter().map(|(position, _)| position[axis]).collect(), 0.5);
         let center = Vec3::new(median(0)?, median(1)?, median(2)?);
-        let farthest =
-            |index: usize| scene.means[index].distance(center) + REACH * scene.log_scales[index].max_element().exp();
-        let radius = quantile(seen.iter().map(|&index| farthest(index)).collect(), 0.9)?;
+        let radius =
+            quantile(things.iter().map(|(position, extent)| position.distance(center) + extent).collect(), 0.9)?;
         Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
     }
 

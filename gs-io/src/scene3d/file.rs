@@ -28,7 +28,7 @@ pub struct File3d {
 
 impl File3d {
     /// A scene of which nothing else is known.
-    pub(crate) fn of(format: Format3d, scene: Scene3d) -> Self {
+    pub fn of(format: Format3d, scene: Scene3d) -> Self {
         let (beside, losses, trained_with) = (Vec::new(), Vec::new(), TrainedWith::default());
         Self { scene, format, bytes: 0, beside, losses, trained_with, settings: None }
     }

@@ -51,6 +51,7 @@ pub use self::{
     format::Format3d,
     options::{Coordinates, SpzVersion, WriteOptions3d},
     parts::{Parts3d, write_parts_3d, writes_parts_3d},
+    source::FilesInMemory,
     streamed::{LevelsInMemory, StreamedSog},
     trained_with::TrainedWith,
     values::Rounding,

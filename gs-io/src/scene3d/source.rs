@@ -1,8 +1,11 @@
 //! The bytes of a scene file with bounds-checked reading.
 
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-use crate::error::Error;
+use crate::{atomic::read_file, error::Error};
 
 /// Claimed size below which a file's claim is never refused: small scenes may compress by any
 /// factor.
@@ -21,13 +24,26 @@ pub(crate) struct Source<'a> {
     pub(crate) what: &'static str,
     /// The whole content.
     pub(crate) bytes: &'a [u8],
+    /// The files that it refers to, by their paths, where they are in memory and not on a disk.
+    pub(crate) beside: Option<&'a FilesInMemory>,
 }
+
+/// The contents of files by their paths.
+pub type FilesInMemory = BTreeMap<PathBuf, Vec<u8>>;
 
 impl<'a> Source<'a> {
     /// An error about the content at a byte.
     pub(crate) fn damaged(&self, byte: usize, expected: impl Into<String>, found: impl Into<String>) -> Error {
         let (path, what) = (self.path.to_owned(), self.what);
         Error::Damaged { path, what, place: format!("byte {byte}"), expected: expected.into(), found: found.into() }
+    }
+
+    /// The whole content of a file that it refers to; `wanted` names its kind.
+    pub(crate) fn read_beside(&self, path: &Path, wanted: &'static str) -> Result<Vec<u8>, Error> {
+        match self.beside {
+            Some(files) => files.get(path).cloned().ok_or_else(|| Error::Missing { path: path.to_owned() }),
+            None => read_file(path, wanted),
+        }
     }
 
     /// `len` bytes from `start`.

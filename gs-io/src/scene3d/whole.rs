@@ -12,7 +12,7 @@ use super::{
     format::Format3d,
     options::{ToWrite, WriteOptions3d},
     range,
-    source::Source,
+    source::{FilesInMemory, Source},
     values::finite_logit,
 };
 use crate::{WorldFrame, atomic::read_file, error::Error};
@@ -63,8 +63,18 @@ pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Err
 /// [`Error::Unusable`] for a later version, for what is right but not read, for missing properties, for a bomb, for no
 /// Gaussians, and for a glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
+    decode_3d_with(format, bytes, path, None)
+}
+
+/// Decodes a scene file as [`decode_3d`] does; a SOG's images are taken from `beside` where it is given.
+pub(super) fn decode_3d_with(
+    format: Format3d,
+    bytes: &[u8],
+    path: &Path,
+    beside: Option<&FilesInMemory>,
+) -> Result<File3d, Error> {
     let row = format.row();
-    let mut file = (row.read)(&Source { path, what: row.what, bytes }, format)?;
+    let mut file = (row.read)(&Source { path, what: row.what, bytes, beside }, format)?;
     if file.scene.is_empty() {
         return Err(Error::empty(path));
     }

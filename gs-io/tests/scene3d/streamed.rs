@@ -9,8 +9,8 @@ use std::{
 use glam::Vec3;
 use gs_core::{Gaussian3d, LodNode, Scene, Scene3d};
 use gs_io::{
-    Error, FolderClaim, Format3d, LevelsInMemory, StreamedSog, WriteOptions3d, read_3d, read_scene, write_3d,
-    write_levels_of_parts_3d,
+    Error, FilesInMemory, FolderClaim, Format3d, LevelsInMemory, StreamedSog, WriteOptions3d, read_3d, read_scene,
+    write_3d, write_levels_of_parts_3d,
 };
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -55,22 +55,77 @@ fn inside(tree: &LodNode) -> bool {
 }
 
 #[test]
-fn levels_in_memory_are_those_of_the_file_and_only_what_changes_is_read() {
+fn levels_in_memory_are_those_of_the_file_and_only_what_is_missing_is_read() {
     let (_place, path, _) = written(9000);
     let streamed = StreamedSog::open(&path).unwrap();
-    let mut levels = LevelsInMemory::of(streamed.clone());
+    let mut levels = LevelsInMemory::of(streamed.clone(), 0);
     for wanted in [[6, 6], [0, 6], [0, 3], [2, 3], [6, 6], [1, 1]] {
-        assert_eq!(levels.scene(&wanted).unwrap(), streamed.read(&wanted).unwrap().scene, "{wanted:?}");
+        assert_eq!(levels.read(&wanted).unwrap(), streamed.read(&wanted).unwrap().scene, "{wanted:?}");
     }
     // Without the chunk of level 1, what is there can still be shown, but not read again.
     fs::remove_dir_all(path.with_file_name("1_0")).unwrap();
-    assert_eq!(levels.scene(&[1, 1]).unwrap().len(), 4500);
-    assert_eq!(
-        levels.scene(&[0, 1]).unwrap().len(),
-        streamed.tree().cells()[0].1[0].gaussians + streamed.tree().cells()[1].1[1].gaussians
-    );
-    levels.scene(&[0, 0]).unwrap();
-    assert!(matches!(levels.scene(&[0, 1]).unwrap_err(), Error::Missing { .. }));
+    assert_eq!(levels.read(&[1, 1]).unwrap().len(), 4500);
+    let cells = streamed.tree().cells();
+    assert_eq!(levels.read(&[0, 1]).unwrap().len(), cells[0].1[0].gaussians + cells[1].1[1].gaussians);
+    levels.read(&[0, 0]).unwrap();
+    assert!(matches!(levels.read(&[0, 1]).unwrap_err(), Error::Missing { .. }));
+    // With room for them, levels stay that were wanted before.
+    let mut levels = LevelsInMemory::of(streamed, 1 << 20);
+    levels.read(&[2, 2]).unwrap();
+    levels.read(&[0, 0]).unwrap();
+    fs::remove_dir_all(path.with_file_name("2_0")).unwrap();
+    assert_eq!(levels.read(&[2, 2]).unwrap().len(), 2250);
+}
+
+/// The files in the folder of a chunk, by their paths below that of `lod-meta.json`.
+fn chunk_in_memory(root: &Path, meta: &Path) -> FilesInMemory {
+    let folder = meta.parent().unwrap();
+    let names = fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().file_name());
+    names.map(|name| (folder.join(&name), fs::read(root.join(folder).join(&name)).unwrap())).collect()
+}
+
+#[test]
+fn chunks_come_one_after_the_other_and_what_is_there_stands_in_for_the_others() {
+    let (_place, path, _) = written(9000);
+    let root = path.parent().unwrap();
+    // Nothing is read from this folder, which is none.
+    let meta = Path::new("nowhere/lod-meta.json");
+    let streamed = StreamedSog::decode(&fs::read(&path).unwrap(), meta).unwrap();
+    let mut levels = LevelsInMemory::of(streamed, 1 << 20);
+    let cells: Vec<_> = levels.tree().cells().iter().map(|(bounds, _)| **bounds).collect();
+    let chunk = |level: usize| PathBuf::from(format!("nowhere/{level}_0/meta.json"));
+    let files = |level: usize| -> FilesInMemory {
+        let files = chunk_in_memory(root, Path::new(&format!("{level}_0/meta.json")));
+        files.into_iter().map(|(path, bytes)| (Path::new("nowhere").join(path), bytes)).collect()
+    };
+    let at = |cell: usize| cells[cell].min.midpoint(cells[cell].max);
+    // A small chunk makes the first picture, and then the nearest comes first.
+    assert_eq!(levels.missing(&[0, 3], at(0)), [chunk(3), chunk(0)]);
+    let count = |levels: &mut LevelsInMemory, wanted| levels.shown(wanted).iter().map(|part| part.len()).sum::<usize>();
+    assert_eq!(count(&mut levels, &[0, 3]), 0);
+    levels.add(&chunk(6), Some(&files(6))).unwrap();
+    assert_eq!(levels.missing(&[0, 3], at(0)), [chunk(0), chunk(3)]);
+    assert_eq!(levels.missing(&[0, 3], at(1)), [chunk(3), chunk(0)]);
+    let of = |counts: [usize; 2]| counts.iter().sum::<usize>();
+    let counts: Vec<Vec<usize>> =
+        levels.tree().cells().iter().map(|(_, l)| l.iter().map(|l| l.gaussians).collect()).collect();
+    // Level 3 stands in for level 0, and later level 0 for a coarser one that is not there.
+    levels.add(&chunk(3), Some(&files(3))).unwrap();
+    assert_eq!(levels.missing(&[0, 3], at(1)), [chunk(0)]);
+    assert_eq!(count(&mut levels, &[0, 3]), of([counts[0][3], counts[1][3]]));
+    levels.add(&chunk(0), Some(&files(0))).unwrap();
+    assert_eq!(levels.missing(&[0, 3], at(1)), [PathBuf::new(); 0]);
+    assert_eq!(levels.read(&[0, 3]).unwrap(), StreamedSog::open(&path).unwrap().read(&[0, 3]).unwrap().scene);
+    assert_eq!(count(&mut levels, &[5, 4]), of([counts[0][6], counts[1][6]]));
+    assert_eq!(count(&mut levels, &[6, 0]), of([counts[0][6], counts[1][0]]));
+    // A chunk without one of its images is an error that names it.
+    let mut cut = files(1);
+    cut.retain(|path, _| !path.ends_with("quats.webp"));
+    let error = levels.add(&chunk(1), Some(&cut)).unwrap_err();
+    assert!(matches!(&error, Error::Missing { path } if path.ends_with("1_0/quats.webp")), "{error}");
+    // One with the Gaussians of another is an error, too.
+    let wrong = files(2).into_iter().map(|(path, bytes)| (chunk(1).with_file_name(path.file_name().unwrap()), bytes));
+    assert!(matches!(levels.add(&chunk(1), Some(&wrong.collect())), Err(Error::Damaged { .. })));
 }
 
 #[test]

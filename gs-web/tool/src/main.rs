@@ -31,7 +31,8 @@ const NAME: &str = "gs_web";
 const WASM: &str = "gs_web_bg.wasm";
 
 /// The modules that run in a worker, beside the bindings.
-const WORKER: [&str; 3] = ["worker.js", "answer.js", "targets.js"];
+const WORKER: [&str; 7] =
+    ["worker.js", "answer.js", "engine.js", "levels-worker.js", "levels.js", "open-scene.js", "targets.js"];
 
 /// What tells the page that there is an engine with threads.
 const MARK: &str = "<meta name=\"gs-threads\" content=\"1\">\n</head>";

@@ -13,7 +13,7 @@ use crate::system::{at, entries, has_program, remove, step, target, workspace};
 const PARTS: [(&str, &str); 2] = [("viewer", "gs_viewer"), ("picture", "gs_picture")];
 
 /// Modules that the package shares with the page.
-const SHARED: [&str; 4] = ["answer.js", "engine.js", "orbit.js", "stage.js"];
+const SHARED: [&str; 6] = ["answer.js", "engine.js", "levels.js", "open-scene.js", "orbit.js", "stage.js"];
 
 /// Where the package is put together, and what that takes.
 pub(super) fn package_folder() -> PathBuf {

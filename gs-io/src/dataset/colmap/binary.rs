@@ -35,7 +35,7 @@ pub(super) struct Binary<'a> {
 impl<'a> Binary<'a> {
     /// The records of a file, which are of this kind.
     pub(super) fn new(path: &'a Path, bytes: &'a [u8], kind: Kind) -> Result<Self, Error> {
-        let mut file = Self { source: Source { path, what: WHAT, bytes }, at: 0, left: 0 };
+        let mut file = Self { source: Source { path, what: WHAT, bytes, beside: None }, at: 0, left: 0 };
         file.left = file.count(kind)?;
         Ok(file)
     }

@@ -33,7 +33,7 @@ pub(super) fn read(path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<R
 }
 
 fn parse(bytes: &[u8], path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<Remark>), Error> {
-    let source = Source { path, what: "a PLY point cloud", bytes };
+    let source = Source { path, what: "a PLY point cloud", bytes, beside: None };
     let refused =
         |message: String| Error::unusable(path, format!("expected a PLY point cloud: {message}"), "export it again");
     let header = Header::parse(&source)?;

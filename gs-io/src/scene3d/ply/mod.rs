@@ -173,7 +173,7 @@ pub(crate) fn comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFr
 /// The header of a binary file of Gaussians alone, up to their number and from there on, the bytes of a row, and their
 /// number; `None` where rows differ in size, or depend on each other as means of 64 bits do. `start` holds the header.
 pub(crate) fn rows_of(path: &Path, start: &[u8]) -> Option<([Vec<u8>; 2], u64, u64)> {
-    let header = Header::parse(&Source { path, what: "a PLY of Gaussians", bytes: start }).ok()?;
+    let header = Header::parse(&Source { path, what: "a PLY of Gaussians", bytes: start, beside: None }).ok()?;
     let [vertex] = &header.elements[..] else { return None };
     let row_bytes = vertex.properties.iter().map(|property| match property.value {
         Value::Scalar(number) if number != Number::F64 => Some(number.bytes() as u64),

@@ -10,7 +10,7 @@ use flate2::read::DeflateDecoder;
 use rawzip::{CompressionMethod, ZipArchive, ZipArchiveWriter};
 
 use super::meta::META;
-use crate::{atomic::read_file, error::Error, scene3d::source::Source};
+use crate::{error::Error, scene3d::source::Source};
 
 /// Whether a file starts like a ZIP archive whose first file is one of a SOG. The name stands at
 /// byte 30.
@@ -81,7 +81,7 @@ impl<'a> Files<'a> {
             return Err(self.source.damaged(0, "names of images in the folder of meta.json", found));
         }
         let path = self.source.path.with_file_name(name);
-        let bytes = read_file(&path, "an image of a SOG")?;
+        let bytes = self.source.read_beside(&path, "an image of a SOG")?;
         if self.read.insert(path, bytes.len() as u64).is_none() {
             self.bytes = self.bytes.saturating_add(bytes.len() as u64);
         }

@@ -1,25 +1,56 @@
 //! Levels of a streamed SOG for a camera that moves.
 
-use std::collections::HashMap;
+use std::{
+    collections::{HashMap, HashSet},
+    path::{Path, PathBuf},
+};
 
+use glam::Vec3;
 use gs_core::{LodNode, Scene, Scene3d};
 
-use super::{Run, StreamedSog, checked, part, read_chunk};
-use crate::error::Error;
+use super::{FilesInMemory, Run, StreamedSog, checked, part, read_chunk};
+use crate::{
+    error::Error,
+    scene3d::{File3d, TrainedWith},
+};
 
-/// A level of each cell of a streamed SOG in memory, for cameras that move. Only chunks with cells whose level
-/// changes are read, each as a whole; the coarsest levels stay, as cells out of sight return to them.
+/// Levels of the cells of a streamed SOG in memory, for cameras that move: those that are wanted, the coarsest,
+/// to which cells out of sight return, and as many others as there is room for.
+///
+/// A chunk is decoded as a whole. Where files are on a disk, [`read`](Self::read) does all of it. Where they come
+/// over a network, [`missing`](Self::missing) names chunks and [`add`](Self::add) takes them, one after the other;
+/// [`shown`](Self::shown) is what can be shown meanwhile.
 #[derive(Debug)]
 pub struct LevelsInMemory {
     file: StreamedSog,
     environment: Option<Scene3d>,
-    parts: HashMap<Run, Scene3d>,
+    parts: HashMap<Run, Part>,
+    /// What the chunks so far were trained with.
+    trained_with: Option<TrainedWith>,
+    /// Bytes of the parts that may be in memory without being wanted.
+    room: usize,
+    /// Number of calls of [`Self::missing`].
+    turn: u64,
+}
+
+/// The Gaussians of a level of a cell.
+#[derive(Debug)]
+struct Part {
+    scene: Scene3d,
+    /// The call of [`LevelsInMemory::missing`] that wanted them last, or before which they came unasked.
+    wanted: u64,
+}
+
+impl Part {
+    fn bytes(&self) -> usize {
+        size_of::<f32>() * self.scene.len() * (3 + 3 + 4 + 1 + 3 * self.scene.sh_len())
+    }
 }
 
 impl LevelsInMemory {
-    /// Nothing but the tree yet.
-    pub fn of(file: StreamedSog) -> Self {
-        Self { file, environment: None, parts: HashMap::new() }
+    /// Nothing but the tree yet. Up to `room` bytes are used for levels that are not wanted at present.
+    pub fn of(file: StreamedSog, room: usize) -> Self {
+        Self { file, environment: None, parts: HashMap::new(), trained_with: None, room, turn: 0 }
     }
 
     /// The bounds of the cells, and the number of Gaussians and the error of each level.
@@ -27,35 +58,128 @@ impl LevelsInMemory {
         self.file.tree()
     }
 
-    /// The scene of a level of each cell, such as those of [`LodNode::cut`], with the environment: the
-    /// Gaussians of [`StreamedSog::read`] in the same order. Other levels than these and the coarsest leave
-    /// the memory.
+    /// The chunks whose Gaussians are missing for a level of each cell, such as those of [`LodNode::cut`]; the
+    /// nearest to a position first, or the smallest where nothing is in memory yet; the environment last.
+    ///
+    /// # Panics
+    /// Where there is another number of levels than of cells, or a level that is not there.
+    pub fn missing(&mut self, levels: &[usize], position: Vec3) -> Vec<PathBuf> {
+        self.turn += 1;
+        let mut distances: HashMap<usize, f32> = HashMap::new();
+        for ((bounds, _), run) in self.file.tree.cells().iter().zip(self.file.wanted(levels)) {
+            let Some(run) = run else { continue };
+            match self.parts.get_mut(&run) {
+                Some(part) => part.wanted = self.turn,
+                None => {
+                    let nearest = distances.entry(run.file).or_insert(f32::INFINITY);
+                    *nearest = nearest.min(bounds.distance(position));
+                }
+            }
+        }
+        if self.parts.is_empty() {
+            distances.iter_mut().for_each(|(chunk, distance)| *distance = self.file.chunks[*chunk].gaussians as f32);
+        }
+        let mut chunks: Vec<(usize, f32)> = distances.into_iter().collect();
+        chunks.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        let chunks = chunks.into_iter().map(|(chunk, _)| self.file.chunks[chunk].path.clone());
+        chunks.chain(self.file.environment.clone().filter(|_| self.environment.is_none())).collect()
+    }
+
+    /// Takes a chunk that [`missing`](Self::missing) has named: its `meta.json` and its images are in `files`, or
+    /// on the disk if there are none.
     ///
     /// # Errors
     /// Those of [`StreamedSog::read`].
     ///
     /// # Panics
-    /// Where there is another number of levels than of cells, or a level that is not there.
-    pub fn scene(&mut self, levels: &[usize]) -> Result<Scene3d, Error> {
-        let wanted = self.file.runs(levels);
-        let mut parts = HashMap::with_capacity(wanted.len());
-        for runs in wanted.chunk_by(|a, b| a.file == b.file) {
-            let is_there = runs.iter().all(|run| self.parts.contains_key(run));
-            let chunk = if is_there { None } else { Some(checked(self.file.chunk(runs[0].file)?, &self.file.path)?) };
-            parts.extend(runs.iter().filter_map(|run| {
-                let read = || Some(part(&chunk.as_ref()?.scene, *run));
-                Some((*run, self.parts.remove(run).or_else(read)?))
-            }));
+    /// Where the file has no such chunk.
+    pub fn add(&mut self, path: &Path, files: Option<&FilesInMemory>) -> Result<(), Error> {
+        if self.file.environment.as_deref() == Some(path) {
+            self.environment = Some(self.taken(read_chunk(path, files)?)?);
+            return Ok(());
         }
-        let coarsest = self.file.cells.iter().filter_map(|runs| *runs.last()?);
-        parts.extend(coarsest.filter_map(|run| self.parts.remove_entry(&run)));
-        self.parts = parts;
-        if let (Some(path), None) = (&self.file.environment, &self.environment) {
-            self.environment = Some(checked(read_chunk(path)?, path)?.scene);
+        let chunk = self.file.chunks.iter().position(|chunk| chunk.path == path);
+        let chunk = chunk.unwrap_or_else(|| panic!("no chunk {}", path.display()));
+        let scene = self.taken(self.file.chunk(chunk, files)?)?;
+        let runs: Vec<Run> =
+            self.file.cells.iter().flatten().flatten().filter(|run| run.file == chunk).copied().collect();
+        for run in runs {
+            let part = || Part { scene: part(&scene, run), wanted: self.turn.saturating_sub(1) };
+            self.parts.entry(run).or_insert_with(part);
         }
+        Ok(())
+    }
+
+    /// The Gaussians of a file, whose values are checked.
+    fn taken(&mut self, file: File3d) -> Result<Scene3d, Error> {
+        let file = checked(file, &self.file.path)?;
+        self.trained_with = Some(self.trained_with.map_or(file.trained_with, |all| all.in_common(file.trained_with)));
+        Ok(file.scene)
+    }
+
+    /// Reads the chunks that are missing for a level of each cell from the disk, and gives the scene: the Gaussians
+    /// of [`StreamedSog::read`] in the same order.
+    ///
+    /// # Errors
+    /// Those of [`StreamedSog::read`].
+    ///
+    /// # Panics
+    /// Those of [`missing`](Self::missing).
+    pub fn read(&mut self, levels: &[usize]) -> Result<Scene3d, Error> {
+        for path in self.missing(levels, Vec3::ZERO) {
+            self.add(&path, None)?;
+        }
+        let parts = self.shown(levels);
         let mut scene = Scene3d::default();
-        wanted.iter().filter_map(|run| self.parts.get(run)).for_each(|part| scene.append(part.clone()));
-        self.environment.iter().for_each(|part| scene.append(part.clone()));
+        scene.reserve(parts.iter().map(|part| part.len()).sum());
+        parts.into_iter().for_each(|part| scene.append(part.clone()));
         if scene.is_empty() { Err(Error::empty(&self.file.path)) } else { Ok(scene) }
+    }
+
+    /// The parts of the scene of a level of each cell, with the environment: the Gaussians of [`StreamedSog::read`] in
+    /// the same order. In place of a level that is not in memory comes the next coarser one that is, or else the next
+    /// finer one. Levels that were not wanted for longest leave the memory if there is no room for them.
+    ///
+    /// # Panics
+    /// Those of [`missing`](Self::missing).
+    pub fn shown(&mut self, levels: &[usize]) -> Vec<&Scene3d> {
+        let is_there = |run: &Run| self.parts.contains_key(run);
+        let in_place = |(runs, &level): (&Vec<Option<Run>>, &usize)| {
+            let coarser = runs[level..].iter().flatten().find(|run| is_there(run));
+            let finer = || runs[..level].iter().rev().flatten().find(|run| is_there(run));
+            // A cell without Gaussians in its level shows none.
+            runs[level].and_then(|_| coarser.or_else(finer).copied())
+        };
+        let mut shown: Vec<Run> = self.file.cells.iter().zip(levels).filter_map(in_place).collect();
+        shown.sort_unstable_by_key(|run| (run.file, run.offset));
+        self.make_room(&shown);
+        let parts = shown.iter().filter_map(|run| self.parts.get(run)).map(|part| &part.scene);
+        parts.chain(&self.environment).collect()
+    }
+
+    /// What the chunks so far were trained with.
+    pub fn trained_with(&self) -> TrainedWith {
+        self.trained_with.unwrap_or_default()
+    }
+
+    /// Removes parts that are not shown, until the others of them fit into the room.
+    fn make_room(&mut self, shown: &[Run]) {
+        let mut stay: HashSet<Run> = shown.iter().copied().collect();
+        stay.extend(self.file.cells.iter().filter_map(|runs| *runs.last()?));
+        let mut others: Vec<(u64, Run, usize)> = self
+            .parts
+            .iter()
+            .filter(|(run, _)| !stay.contains(run))
+            .map(|(run, part)| (part.wanted, *run, part.bytes()))
+            .collect();
+        others.sort_unstable_by_key(|(wanted, run, _)| (*wanted, run.file, run.offset));
+        let mut bytes: usize = others.iter().map(|(.., bytes)| bytes).sum();
+        for (_, run, size) in others {
+            if bytes <= self.room {
+                break;
+            }
+            self.parts.remove(&run);
+            bytes -= size;
+        }
     }
 }

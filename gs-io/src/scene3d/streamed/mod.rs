@@ -31,7 +31,11 @@ use self::meta::{LodMeta, Run};
 pub(super) use self::write::write;
 #[cfg(feature = "write")]
 pub use self::write::write_levels_of_parts_3d;
-use super::{ConversionLoss, File3d, Format3d, TrainedWith, checked, decode_3d, source::Source};
+use super::{
+    ConversionLoss, File3d, Format3d, TrainedWith, checked,
+    source::{FilesInMemory, Source},
+    whole::decode_3d_with,
+};
 use crate::{atomic::read_file, error::Error};
 
 /// The file that describes the others.
@@ -69,8 +73,15 @@ impl StreamedSog {
     /// [`Error::Unusable`] for a later version.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
-        let bytes = read_file(path, WHAT)?;
-        Self::parse(&Source { path, what: WHAT, bytes: &bytes })
+        Self::decode(&read_file(path, WHAT)?, path)
+    }
+
+    /// Checks the bytes of a `lod-meta.json`. Paths of chunks begin with the folder of `path`.
+    ///
+    /// # Errors
+    /// Those of [`open`](Self::open), except for those of reading.
+    pub fn decode(bytes: &[u8], path: &Path) -> Result<Self, Error> {
+        Self::parse(&Source { path, what: WHAT, bytes, beside: None })
     }
 
     pub(super) fn parse(source: &Source<'_>) -> Result<Self, Error> {
@@ -130,10 +141,11 @@ impl StreamedSog {
             trained_with = Some(trained_with.map_or(chunk.trained_with, |all| all.in_common(chunk.trained_with)));
         };
         for runs in wanted.chunk_by(|a, b| a.file == b.file) {
-            add(&self.chunks[runs[0].file].path, Some(runs), self.chunk(runs[0].file)?);
+            let chunk = runs[0].file;
+            add(&self.chunks[chunk].path, Some(runs), self.chunk(chunk, None)?);
         }
         if let Some(path) = &self.environment {
-            add(path, None, read_chunk(path)?);
+            add(path, None, read_chunk(path, None)?);
         }
         if whole.scene.is_empty() {
             return Err(Error::empty(&self.path));
@@ -141,18 +153,23 @@ impl StreamedSog {
         Ok(File3d { trained_with: trained_with.unwrap_or_default(), ..whole })
     }
 
+    /// The run of a level of each cell.
+    fn wanted(&self, levels: &[usize]) -> impl Iterator<Item = Option<Run>> {
+        assert_eq!(levels.len(), self.cells.len(), "one level for each cell");
+        self.cells.iter().zip(levels).map(|(runs, &level)| runs[level])
+    }
+
     /// The runs of a level of each cell, in the order of the chunks.
     fn runs(&self, levels: &[usize]) -> Vec<Run> {
-        assert_eq!(levels.len(), self.cells.len(), "one level for each cell");
-        let mut runs: Vec<Run> = self.cells.iter().zip(levels).filter_map(|(runs, &level)| runs[level]).collect();
+        let mut runs: Vec<Run> = self.wanted(levels).flatten().collect();
         runs.sort_unstable_by_key(|run| (run.file, run.offset));
         runs
     }
 
-    /// Reads a chunk.
-    fn chunk(&self, file: usize) -> Result<File3d, Error> {
+    /// Reads a chunk, from the disk or from files in memory.
+    fn chunk(&self, file: usize, files: Option<&FilesInMemory>) -> Result<File3d, Error> {
         let Chunk { path, gaussians } = &self.chunks[file];
-        let chunk = read_chunk(path)?;
+        let chunk = read_chunk(path, files)?;
         let found = chunk.scene.len();
         match found == *gaussians {
             true => Ok(chunk),
@@ -168,13 +185,18 @@ impl StreamedSog {
     }
 
     fn damaged(&self, expected: String, found: String) -> Error {
-        let source = Source { path: &self.path, what: WHAT, bytes: &[] };
+        let source = Source { path: &self.path, what: WHAT, bytes: &[], beside: None };
         source.damaged(0, expected, found)
     }
 }
 
-fn read_chunk(path: &Path) -> Result<File3d, Error> {
-    decode_3d(Format3d::SogFolder, &read_file(path, "a chunk of a streamed SOG")?, path)
+fn read_chunk(path: &Path, files: Option<&FilesInMemory>) -> Result<File3d, Error> {
+    let wanted = "a chunk of a streamed SOG";
+    let meta = match files {
+        Some(files) => files.get(path).cloned().ok_or_else(|| Error::Missing { path: path.to_owned() })?,
+        None => read_file(path, wanted)?,
+    };
+    decode_3d_with(Format3d::SogFolder, &meta, path, files)
 }
 
 /// The Gaussians of a run, which must be there.

@@ -1,0 +1,103 @@
+//! A scene with fewer Gaussians, in a fraction of the time that merging them takes.
+
+use super::{Scene, Scene3d, sigmoid};
+
+/// The largest factor by which a Gaussian grows to stand for others.
+const MOST_GROWTH: f32 = 3.0;
+
+/// Gaussians among which the threshold is searched: that is exact enough for a number of them.
+const SAMPLES: usize = 50_000;
+
+impl Scene3d {
+    /// About `count` of the Gaussians, for pictures that must come soon. What each covers, its area times its opacity,
+    /// is the probability with which it stays; small ones grow, so that on average as much is covered as before.
+    /// Neighbours in memory should be neighbours in space, as those of a SOG are: then no place loses all of its.
+    ///
+    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007): elements are
+    /// left out at random, and the others get larger.
+    #[must_use]
+    pub fn thinned(&self, count: usize) -> Self {
+        if self.len() <= count {
+            return self.clone();
+        }
+        let covered = |i: usize| {
+            let [a, b, c] = self.log_scales[i].to_array();
+            // Without the shortest axis.
+            sigmoid(self.opacity_logits[i]) * (a + b + c - a.min(b).min(c)).exp()
+        };
+        let samples: Vec<f32> = (0..self.len()).step_by(self.len().div_ceil(SAMPLES)).map(covered).collect();
+        let threshold = threshold(&samples, count as f32 / self.len() as f32);
+        let mut thin = Self { sh_degree: self.sh_degree, ..Self::default() };
+        let (len, mut sum) = (self.sh_len(), 0.5);
+        for i in 0..self.len() {
+            let share = (covered(i) / threshold).min(1.0);
+            // Those stay at which the sum of all shares passes a whole number.
+            sum += share;
+            if sum < 1.0 {
+                continue;
+            }
+            sum -= 1.0;
+            thin.means.push(self.means[i]);
+            thin.log_scales.push(self.log_scales[i] - 0.5 * share.max(MOST_GROWTH.powi(-2)).ln());
+            thin.rotations.push(self.rotations[i]);
+            thin.opacity_logits.push(self.opacity_logits[i]);
+            thin.sh.extend(&self.sh[len * i..len * (i + 1)]);
+        }
+        thin
+    }
+}
+
+/// The value t for which the mean of min(v / t, 1) is this share.
+fn threshold(values: &[f32], share: f32) -> f32 {
+    let kept = |t: f32| values.iter().map(|v| f64::from((v / t).min(1.0))).sum::<f64>() / values.len() as f64;
+    let (mut low, mut high) = (f32::MIN_POSITIVE.ln(), f32::MAX.ln());
+    for _ in 0..40 {
+        let middle = low.midpoint(high);
+        if kept(middle.exp()) > f64::from(share) { low = middle } else { high = middle }
+    }
+    high.exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::scene::Gaussian3d;
+
+    /// Small Gaussians in a row, and every hundredth large.
+    fn row() -> Scene3d {
+        let gaussian = |i: usize| Gaussian3d {
+            mean: Vec3::new(i as f32, 0.0, 0.0),
+            log_scale: if i % 100 == 50 { Vec3::new(1.0, 1.0, -6.0) } else { Vec3::new(-2.0, -2.0, -6.0) },
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: vec![Vec3::splat(i as f32); 4],
+        };
+        (0..10_000).map(gaussian).collect()
+    }
+
+    #[test]
+    fn a_thinned_scene_has_the_count_and_covers_as_much_everywhere() {
+        let scene = row();
+        let thin = scene.thinned(2000);
+        assert!((1990..=2010).contains(&thin.len()), "{}", thin.len());
+        assert!(thin.validate().is_ok() && thin.sh_degree == 1);
+        // Large ones stay as they are, and small ones grow.
+        let large: Vec<_> = thin.log_scales.iter().filter(|s| s.x >= 1.0).collect();
+        assert_eq!(large.len(), 100);
+        assert!(large.iter().all(|s| **s == Vec3::new(1.0, 1.0, -6.0)));
+        let area = |scene: &Scene3d, from: f32| -> f32 {
+            let inside = |i: &usize| (from..from + 1000.0).contains(&scene.means[*i].x) && scene.log_scales[*i].x < 1.0;
+            (0..scene.len()).filter(inside).map(|i| (scene.log_scales[i].x + scene.log_scales[i].y).exp()).sum()
+        };
+        for from in [0.0, 3000.0, 9000.0] {
+            let (before, after) = (area(&scene, from), area(&thin, from));
+            assert!((after / before - 1.0).abs() < 0.02, "{before} {after}");
+        }
+        // Each has the values of one that was there.
+        assert!(thin.means.iter().zip(thin.sh.chunks(4)).all(|(mean, sh)| sh == [Vec3::splat(mean.x); 4]));
+        assert_eq!(scene.thinned(10_000), scene);
+        assert_eq!(scene.thinned(0).len(), 0);
+    }
+}
