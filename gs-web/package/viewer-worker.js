@@ -31,9 +31,9 @@ const requests = {
     return opened.info;
   },
 
-  /** Lets the levels be read that a frame needs, before there is a picture. */
+  /** Lets the levels be read that a camera needs, before there is a picture. */
   look({ scene, frame }) {
-    scenes.get(scene)?.look(frame);
+    scenes.get(scene)?.look(frame, [frame.width, frame.height]);
   },
 
   close({ scene }) {
@@ -41,29 +41,35 @@ const requests = {
     scenes.delete(scene);
   },
 
-  async frame({ scene, frame }) {
+  async frame({ scene, frame, full }) {
+    const opened = sceneOf(scene);
+    if (full) opened.look(frame, full);
     const started = performance.now();
-    const image = await drawn(scene, frame);
+    const image = await drawn(opened, frame);
     const took = performance.now() - started;
-    put(image, canvas);
-    const { gaussians, complete } = scenes.get(scene);
-    return { took, gaussians, complete };
+    if (image) put(image, canvas);
+    const { gaussians, complete } = opened;
+    return { isDrawn: Boolean(image), took, gaussians, complete };
   },
 
   async png({ scene, frame }) {
-    const image = await drawn(scene, frame);
+    const image = await drawn(sceneOf(scene), frame);
+    if (!image) throw new Error("nothing of the scene has been fetched yet");
     const canvas = new OffscreenCanvas(image.width, image.height);
     put(image, canvas);
     return canvas.convertToBlob({ type: "image/png" });
   },
 };
 
-async function drawn(scene, frame) {
+function sceneOf(scene) {
   const opened = scenes.get(scene);
   if (!opened) throw new Error("the scene is no longer open");
+  return opened;
+}
+
+async function drawn(opened, frame) {
   const pixels = await opened.pixels(frame);
-  if (!pixels) throw new Error("nothing of the scene has been fetched yet");
-  return new ImageData(new Uint8ClampedArray(pixels.buffer), frame.width, frame.height);
+  return pixels && new ImageData(new Uint8ClampedArray(pixels.buffer), frame.width, frame.height);
 }
 
 function put(image, canvas) {

@@ -16,7 +16,7 @@ export interface SceneInfo {
   /** The file's format, such as "SOG". */
   format: string;
   gaussians: number;
-  /** Degree of the spherical harmonics, 0 to 3. */
+  /** Degree of the spherical harmonics, 0 to 3; 0 for a scene with levels of detail, whose chunks say it. */
   shDegree: number;
   /** What was lost or changed when the file was read, in sentences. */
   losses: string[];
@@ -42,13 +42,14 @@ export interface ViewerOptions {
   label?: string;
   /**
    * The most Gaussians that are drawn of a scene with levels of detail (`lod-meta.json`), at least 1. Where its
-   * coarsest levels have more, those are drawn. Default: 1,000,000 with WebGPU, 300,000 on the CPU.
+   * coarsest levels have more, those are drawn, and there may be more while coarser levels are on their way. Default:
+   * 1,000,000 with WebGPU, 300,000 on the CPU.
    */
   maxGaussians?: number;
   /** After each picture. */
   ondraw?: (picture: Drawn) => void;
   /**
-   * A part of a scene with levels of detail can't be had: what is there stays open, without it. Or the engine has
+   * A chunk of a scene with levels of detail could not be fetched: the rest stays open, without it. Or the engine has
    * stopped while it drew the open scene, and so has the next one, on the CPU: no scene is open then; another one can
    * be loaded.
    */
@@ -62,16 +63,19 @@ export interface Drawn {
   height: number;
   /** The time that it took, ms. */
   took: number;
-  /** The number of Gaussians that the engine has of the scene: of one with levels of detail, those that are there. */
+  /** The number of Gaussians that the engine has of the scene: of one with levels of detail, those fetched so far. */
   gaussians: number;
-  /** Whether all levels of detail are there that the camera needs; always true of other scenes. */
+  /**
+   * Whether nothing more will be fetched for the camera: all levels that it needs are there, but for chunks that could
+   * not be fetched. Always true of other scenes. When it becomes true without a new picture, `ondraw` is called again.
+   */
   complete: boolean;
 }
 
 export interface LoadOptions {
   /** The file name of bytes, whose ending says the format where the content doesn't (`.splat`). */
   name?: string;
-  /** Ends the download. */
+  /** Ends the loading: the promise is rejected with the signal's reason. */
   signal?: AbortSignal;
   /** The download so far, bytes. */
   progress?: (download: Progress) => void;

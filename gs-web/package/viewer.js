@@ -22,12 +22,14 @@ export class Viewer {
   #loads = 0;
   /**
    * The scene that is open: `{ id, bytes, name, address, info, worker, camera }`, where `worker` is the one that has
-   * it. Those with levels of detail also have `begun`, which is called when there is something to draw.
+   * it. Those with levels of detail also have `begun`, which is called when the first levels have been fetched.
    */
   #scene;
-  /** The scene with levels of detail that is being loaded, and what ends that. */
+  /** The scene with levels of detail of which nothing has been fetched yet, and what ends the waiting for it. */
   #loading;
   #abandon;
+  /** What `ondraw` was told last. */
+  #drawnLast;
   /** The scene on the stage: that one, or one whose first picture is being drawn. */
   #staged;
   #resized = new ResizeObserver(() => this.#stage.draw());
@@ -36,7 +38,7 @@ export class Viewer {
     this.#place = place;
     this.#options = { ...options };
     this.#wanted = options.backend ?? "fastest";
-    this.#stage = new Stage({ size: () => this.#size(), draw: (frame) => this.#drawn(frame) });
+    this.#stage = new Stage({ size: () => this.#size(), draw: (frame, full) => this.#drawn(frame, full) });
     const canvas = document.createElement("canvas");
     Object.assign(canvas.style, { display: "block", width: "100%", height: "100%", touchAction: "none" });
     canvas.tabIndex = 0;
@@ -61,6 +63,7 @@ export class Viewer {
     const isLast = () => scene.id === this.#loads;
     try {
       Object.assign(scene, await contentOf(source, { signal, progress }));
+      signal?.throwIfAborted();
       scene.name = name ?? nameOf(source);
       if (isLast()) await this.#ask(scene);
       if (isLast()) {
@@ -74,7 +77,7 @@ export class Viewer {
       // What was open before stays open.
       this.#close(scene);
       if (this.#staged === scene) this.#show(this.#scene);
-      throw isLast() ? error : abandoned();
+      throw isLast() || signal?.aborted ? error : abandoned();
     }
     this.#close(this.#scene);
     this.#scene = scene;
@@ -128,7 +131,7 @@ export class Viewer {
     // Bundlers find the worker by this form.
     const started = new Worker(new URL("./viewer-worker.js", import.meta.url), { type: "module" });
     const worker = new Connection(started, (event) => {
-      if (event.event === "levels") this.#changed(event);
+      if (event.event === "levels") this.#changed(worker, event);
       else this.#stopped(worker);
     });
     this.#worker = Object.assign(worker, { canvas });
@@ -142,35 +145,62 @@ export class Viewer {
     }
   }
 
-  /** Waits until there is something to draw of a scene with levels of detail. */
+  /** Waits until the first levels of a scene have been fetched. */
   async #begin(scene, signal) {
     const begun = new Promise((resolve, reject) => {
-      scene.begun = (error) => (error ? reject(new Error(error)) : resolve());
-      this.#abandon = () => reject(abandoned());
-      signal?.addEventListener("abort", this.#abandon);
+      scene.begun = (error) => (error ? reject(error) : resolve());
     });
-    const size = this.#size().map((side) => Math.max(1, side));
+    const abandon = () => scene.begun?.(signal?.aborted ? signal.reason : abandoned());
     this.#loading = scene;
-    await Promise.all([begun, this.#ask(scene, "look", { frame: frameOf(scene.info.home, size) })]);
+    this.#abandon = abandon;
+    signal?.addEventListener("abort", abandon, { once: true });
+    try {
+      const size = this.#size().map((side) => Math.max(1, side));
+      const frame = frameOf(scene.info.home ?? this.camera, size);
+      await Promise.all([begun, this.#ask(scene, "look", { frame })]);
+    } finally {
+      signal?.removeEventListener("abort", abandon);
+      scene.begun = undefined;
+      if (this.#loading === scene) this.#loading = this.#abandon = undefined;
+    }
   }
 
-  /** More of a scene can be drawn, or a part of it can't be had. */
-  #changed({ scene: id, error }) {
+  /** More of a scene can be drawn, or nothing more comes, or a part of it could not be fetched, or the engine stopped. */
+  #changed(worker, { scene: id, error, fatal, complete, isNew }) {
+    const why = error && Object.assign(new Error(error), { fatal });
     const scene = [this.#scene, this.#loading].find((scene) => scene?.id === id);
+    const mayTryCpu = fatal && this.engine?.backend === "wgpu";
+    if (fatal) this.#stopped(worker);
     if (scene?.begun) {
-      scene.begun(error);
-      scene.begun = undefined;
-    } else if (scene && error) {
-      this.#options.onerror?.(new Error(error));
-    } else if (scene && scene === this.#staged) {
-      this.#stage.changed();
+      if (why || isNew) scene.begun(why);
+    } else if (!scene || scene !== this.#staged) {
+      return;
+    } else if (isNew || mayTryCpu) {
+      // A failure closes the scene, or is gone with the next picture.
+      this.#stage.changed().catch(() => {});
+    } else if (why) {
+      this.#failed(why);
+    } else if (this.#drawnLast) {
+      // The picture stays.
+      this.#options.ondraw?.({ ...Object.assign(this.#drawnLast, { complete }) });
     }
+  }
+
+  /** Something is wrong with the open scene. If the engine has stopped with it, it is closed. */
+  #failed(error) {
+    if (hasStopped(error)) {
+      this.#scene = undefined;
+      this.#show(undefined);
+    }
+    this.#options.onerror?.(error);
   }
 
   /** The worker can't go on. What is asked next starts another one. */
   #stopped(worker) {
     if (worker !== this.#worker) return;
     worker.close();
+    // What it was reading would never come.
+    this.#loading?.begun?.(Object.assign(new Error("the engine stopped"), { fatal: true }));
     if (this.engine?.backend === "wgpu") this.#wanted = "cpu";
     this.engine = this.#worker = this.#opening = undefined;
   }
@@ -221,19 +251,18 @@ export class Viewer {
     return drawn;
   }
 
-  async #drawn(frame) {
+  async #drawn(frame, full) {
     const scene = this.#staged;
     try {
-      const { took, gaussians, complete } = await this.#ask(scene, "frame", { frame: this.#colored(frame) });
+      const { isDrawn, ...drawn } = await this.#ask(scene, "frame", { frame: this.#colored(frame), full });
+      // A new worker may have nothing of the scene yet.
+      if (!isDrawn) return undefined;
       if (this.#canvas !== scene.worker.canvas) this.#replace(scene.worker.canvas);
-      this.#options.ondraw?.({ width: frame.width, height: frame.height, took, gaussians, complete });
-      return took;
+      this.#drawnLast = { width: frame.width, height: frame.height, ...drawn };
+      this.#options.ondraw?.({ ...this.#drawnLast });
+      return drawn.took;
     } catch (error) {
-      if (hasStopped(error) && scene === this.#scene && scene === this.#staged) {
-        this.#scene = undefined;
-        this.#show(undefined);
-        this.#options.onerror?.(error);
-      }
+      if (hasStopped(error) && scene === this.#scene && scene === this.#staged) this.#failed(error);
       throw error;
     }
   }
@@ -369,8 +398,9 @@ export class GsViewerElement extends Base {
         background: colorOf(this.getAttribute("background")),
         controls: this.getAttribute("controls") !== "none",
         label: this.getAttribute("alt") ?? undefined,
-        maxGaussians: Number(this.getAttribute("max-gaussians")) || undefined,
-        onerror: (error) => this.#fail(error),
+        maxGaussians: this.hasAttribute("max-gaussians") ? Number(this.getAttribute("max-gaussians")) : undefined,
+        // A scene that is still open stays.
+        onerror: (error) => (this.#viewer.info ? this.#tell("error", { error, message: error.message }) : this.#fail(error)),
       });
       const progress = (detail) => this.#tell("progress", detail);
       const info = await this.#viewer.load(this.src, { signal, progress, camera: this.#camera() });

@@ -23,7 +23,8 @@ async function isFatal(error, engine) {
   return engine !== undefined && !(await engine.works().catch(() => false));
 }
 
-function words(error) {
+/** What went wrong, in words. */
+export function words(error) {
   if (error instanceof WebAssembly.RuntimeError) return `the engine stopped: ${error.message}`;
   if (error instanceof RangeError) return "there is not enough memory for this; use a smaller image or scene";
   return error?.message ?? String(error);

@@ -1,6 +1,7 @@
-// A scene that is open in a worker that draws: that of a file, or what is there of the levels of detail of a
-// streamed SOG, which another worker reads.
+// A scene that is open in a worker that draws: that of a file, or what has been fetched so far of a streamed SOG,
+// which another worker reads.
 
+import { words } from "./answer.js";
 import { Connection } from "./engine.js";
 
 /** The most Gaussians that are drawn of a streamed SOG, by backend. */
@@ -15,79 +16,118 @@ const isStreamed = (name) => /(^|[/\\])lod-meta\.json$/i.test(name);
 export class OpenScene {
   /** What the scene is. */
   info;
-  /** What is drawn; nothing before the first levels are there. */
+  /** What is drawn; nothing before the first levels have been fetched. */
   view;
   /** The number of its Gaussians. */
   gaussians = 0;
-  /** Whether all is there that the last camera needs. */
+  /** Whether nothing more will be fetched for the last camera. */
   complete = true;
   #engine;
   #reader;
+  /** Called with what has changed. */
+  #changed;
+  /** Cameras so far, and the last one. */
+  #looks = 0;
   #looked;
+  /** Done when the view is no longer used: a picture takes several turns of the event loop on a GPU. */
+  #turn = Promise.resolve();
 
   /**
    * Opens the bytes of a file. Those of a streamed SOG need the file's address, what starts the worker that reads, and
-   * the engine's module for it. `changed` is called with `{ gaussians, complete }` when more of it can be drawn, and with an `error` when
-   * a part can't be had.
+   * the engine's module for it. `changed` is called with `{ gaussians, complete, isNew }`, where `isNew` says whether
+   * there is something new to draw, or with `{ error, fatal }` when a part could not be fetched or the engine stopped.
    */
   static async of(engine, { bytes, name, address, maxGaussians }, newReader, module, changed) {
     const scene = new OpenScene();
     scene.#engine = engine;
+    scene.#changed = changed;
     if (!isStreamed(name)) {
       scene.view = engine.view(new Uint8Array(bytes), name);
       scene.info = JSON.parse(scene.view.info());
       scene.gaussians = scene.info.gaussians;
       return scene;
     }
-    if (!address) throw new Error(`${name} refers to files beside it: open it by its address on a server, such as gs serve`);
+    if (!address || location.protocol === "blob:") {
+      throw new Error(`${name} refers to files beside it: open it by its address, on a page with several files such as that of gs serve`);
+    }
     const budget = maxGaussians ?? MOST_GAUSSIANS[engine.name];
-    await scene.#read({ bytes, address, budget, room: ROOM, module }, newReader, changed);
+    if (!(budget >= 1)) throw new Error(`maxGaussians is ${maxGaussians}, and must be at least 1`);
+    await scene.#read({ bytes, address, budget: Math.min(Math.floor(budget), 2 ** 32 - 1), room: ROOM, module }, newReader);
     return scene;
   }
 
-  async #read(what, newReader, changed) {
+  async #read(what, newReader) {
     this.complete = false;
-    const heard = ({ event, error, numbers, shDegree, antialias, complete }) => {
-      if (event === "failure") return changed({ error });
-      if (numbers) {
-        // There may not be memory for both.
-        this.view?.free();
-        this.view = undefined;
-        this.view = this.#engine.levelsView(numbers, shDegree, antialias);
-        this.gaussians = numbers.length / (11 + 3 * (shDegree + 1) ** 2);
-        this.#reader.taken();
-      }
-      this.complete = complete;
-      changed({ gaussians: this.gaussians, complete });
-    };
-    this.#reader = new Connection(newReader(), heard);
+    const reader = new Connection(newReader(), (event) => this.#heard(event));
+    this.#reader = reader;
     try {
-      const { gaussians, home } = await this.#reader.ask("open", what);
-      this.#reader.opened = true;
+      const { gaussians, home } = await reader.ask("open", what);
+      reader.opened = true;
       this.info = { kind: "3d", format: "streamed SOG", gaussians, shDegree: 0, losses: [], size: null, home, streamed: true };
     } catch (error) {
-      this.#reader.close();
+      reader.close();
       throw error;
     }
   }
 
-  /** Lets the levels be read that a frame needs. */
-  look(frame) {
-    const looked = JSON.stringify(frame.camera ?? null);
+  /** Takes what the worker says that reads. */
+  async #heard({ event, error, fatal, look, numbers, ...levels }) {
+    if (event === "failure") {
+      // Without a worker that reads, nothing more comes.
+      if (fatal) this.#end();
+      return this.#changed({ error });
+    }
+    if (numbers) {
+      try {
+        await this.#inTurn(() => this.#show(numbers, levels));
+      } catch (error) {
+        this.#end();
+        return this.#changed({ error: words(error), fatal: true });
+      }
+      this.#reader?.taken();
+    }
+    // What an earlier camera needs may have come while this one was on its way.
+    if (levels.complete && look === this.#looks) this.complete = true;
+    this.#changed({ gaussians: this.gaussians, complete: this.complete, isNew: Boolean(numbers) });
+  }
+
+  #show(numbers, { shDegree, antialias }) {
+    // There may not be memory for both.
+    this.view?.free();
+    this.view = undefined;
+    this.view = this.#engine.levelsView(numbers, shDegree, antialias);
+    this.gaussians = numbers.length / (11 + 3 * (shDegree + 1) ** 2);
+  }
+
+  #end() {
+    this.#reader?.close();
+    this.#reader = undefined;
+    this.complete = true;
+  }
+
+  #inTurn(action) {
+    const done = this.#turn.then(action);
+    this.#turn = done.catch(() => {});
+    return done;
+  }
+
+  /** Lets the levels be read that a picture of this size from a frame's camera needs. */
+  look({ camera }, [width, height]) {
+    const frame = { width, height, camera };
+    const looked = JSON.stringify(frame);
     if (!this.#reader || looked === this.#looked) return;
     this.#looked = looked;
     this.complete = false;
-    this.#reader.ask("look", { frame: { width: frame.width, height: frame.height, camera: frame.camera } }).catch(() => {});
+    this.#reader.ask("look", { frame, look: ++this.#looks }).catch(() => {});
   }
 
-  /** The pixels of a frame, of what is there; none where nothing is there yet. */
-  async pixels(frame) {
-    this.look(frame);
-    return this.view?.pixels(JSON.stringify(frame));
+  /** The pixels of a frame, of what has been fetched so far; none where that is nothing. */
+  pixels(frame) {
+    return this.#inTurn(() => this.view?.pixels(JSON.stringify(frame)));
   }
 
   free() {
-    this.#reader?.close();
-    this.view?.free();
+    this.#end();
+    this.#inTurn(() => this.view?.free());
   }
 }

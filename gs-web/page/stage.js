@@ -27,8 +27,8 @@ export class Stage {
   #rectangle;
 
   /**
-   * `size` gives columns and rows of the canvas, px, 0 while it is hidden; `draw` draws a frame, and gives
-   * the time that it took, ms.
+   * `size` gives columns and rows of the canvas, px, 0 while it is hidden; `draw` draws a frame, which may be coarser
+   * than this size, and gives the time that it took, ms.
    */
   constructor({ size, draw }) {
     this.#size = size;
@@ -96,7 +96,7 @@ export class Stage {
     }
     if (!this.info || this.size().includes(0)) return;
     const size = this.size(moving ? this.#coarse : 1).map((side) => Math.max(1, side));
-    const took = await this.#draw(this.frame(size, moving));
+    const took = await this.#draw(this.frame(size, moving), this.size());
     if (moving && took > MOVING_MS && this.#coarse < 8) this.#coarse *= 1.5;
     else if (moving && took < MOVING_MS / 4 && this.#coarse > 1) this.#coarse = Math.max(1, this.#coarse / 1.5);
   }

@@ -7,10 +7,12 @@ const $ = (id) => document.getElementById(id);
 
 export class ViewPanel {
   #page;
-  #stage = new Stage({ size: () => this.#size(), draw: (frame) => this.#drawn(frame) });
+  #stage = new Stage({ size: () => this.#size(), draw: (frame, full) => this.#drawn(frame, full) });
   /** Opens again what is open. */
   #source;
   #name = "scene";
+  /** The last picture: its frame, the time that it took, ms, and what it shows. */
+  #picture;
 
   constructor(page) {
     this.#page = page;
@@ -67,13 +69,29 @@ export class ViewPanel {
     for (const id of ["order", "antialias", "degree"]) $(id).disabled = kind === "2d";
     $("save-sog").disabled = kind === "2d" || Boolean(info.streamed);
     $("shot").disabled = false;
+    this.#picture = undefined;
     await this.#stage.show(info, again);
   }
 
-  /** More of a scene with levels of detail can be drawn, or a part of it can't be had. */
-  levels({ error }) {
-    if (error) this.#page.fail(new Error(error));
-    else this.#stage.changed().catch(() => {});
+  /** More of a streamed scene can be drawn, or nothing more comes, or a part of it could not be fetched. */
+  levels({ error, fatal, complete, isNew }) {
+    if (error) return this.#page.fail(Object.assign(new Error(error), { fatal }));
+    if (isNew) return this.#stage.changed().catch(() => {});
+    if (this.#picture) Object.assign(this.#picture, { complete });
+    this.#describe();
+  }
+
+  /** Says what the picture shows, and how long it took. */
+  #describe() {
+    if (!this.#picture) return;
+    const { frame, took, gaussians: drawn, complete } = this.#picture;
+    const { format, gaussians, losses, streamed } = this.#stage.info;
+    const number = (count) => count.toLocaleString("en");
+    const count = streamed ? `${number(drawn)} of ${number(gaussians)}` : number(gaussians);
+    const size = `${frame.width}×${frame.height} px`;
+    const coming = complete ? "" : "; finer levels are being fetched";
+    const lost = losses?.length ? `; ${losses.join("; ")}` : "";
+    this.#words(`${format}, ${count} Gaussians, ${size} in ${took.toFixed(0)} ms${coming}${lost}`);
   }
 
   /** Draws the scene. */
@@ -99,16 +117,12 @@ export class ViewPanel {
   }
 
   /** Draws a frame, and says how long it took. */
-  async #drawn(frame) {
+  async #drawn(frame, full) {
     try {
-      const { took, gaussians: drawn, complete } = await this.#page.ask("frame", { frame: this.#chosen(frame) });
-      const { format, gaussians, losses, streamed } = this.#stage.info;
-      const number = (count) => count.toLocaleString("en");
-      const levels = streamed ? `${number(drawn)} of ${number(gaussians)}` : number(gaussians);
-      const coming = complete ? "" : "; finer ones are coming";
-      const lost = losses?.length ? `; ${losses.join("; ")}` : "";
-      const size = `${frame.width}×${frame.height} px`;
-      this.#words(`${format}, ${levels} Gaussians, ${size} in ${took.toFixed(0)} ms${coming}${lost}`);
+      const answer = await this.#page.ask("frame", { frame: this.#chosen(frame), full });
+      const { took } = answer;
+      this.#picture = { frame, ...answer };
+      this.#describe();
       document.body.dataset.frames = Number(document.body.dataset.frames ?? 0) + 1;
       return took;
     } catch {
@@ -139,6 +153,16 @@ export class ViewPanel {
       if (!response.ok) throw new Error(`${address}: ${(await response.text()).slice(0, 200) || response.status}`);
       return { bytes: await response.arrayBuffer(), address: response.url };
     };
-    await this.#show(decodeURIComponent(new URL(address, location.href).pathname.split("/").pop()), read, again);
+    await this.#show(nameOf(address), read, again);
+  }
+}
+
+/** The file name of an address. */
+function nameOf(address) {
+  const name = new URL(address, location.href).pathname.split("/").pop();
+  try {
+    return decodeURIComponent(name);
+  } catch {
+    return name; // a percent sign that escapes nothing
   }
 }

@@ -110,12 +110,14 @@ const requests = {
     return { ...opened.info, memory: memoryBytes() };
   },
 
-  async frame({ frame }) {
+  async frame({ frame, full }) {
+    const opened = scene;
+    opened.look(frame, full);
     const started = performance.now();
-    const pixels = await scene.pixels(frame);
+    const pixels = await opened.pixels(frame);
     const took = performance.now() - started;
     if (pixels) put("view", pixels, frame.width, frame.height);
-    const { gaussians, complete } = scene;
+    const { gaussians, complete } = opened;
     return { took, gaussians, complete };
   },
 
@@ -124,6 +126,7 @@ const requests = {
   },
 
   async viewPng({ frame }) {
+    if (!scene.view) throw new Error("nothing of the scene has been fetched yet");
     return scene.view.png(JSON.stringify(frame));
   },
 

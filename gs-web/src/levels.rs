@@ -95,8 +95,8 @@ impl Levels {
     fn begin(&mut self, step: usize) -> Result<(), JsError> {
         self.step = step;
         if let Some(camera) = &self.camera {
-            let shown = Some(self.wanted.as_slice()).filter(|shown| !shown.is_empty());
-            self.wanted = self.levels.tree().step(shown, camera, self.budget, step).map_err(failure)?;
+            let tree = self.levels.tree();
+            self.wanted = tree.step(self.levels.shown_levels(), camera, self.budget, step).map_err(failure)?;
         }
         Ok(())
     }
@@ -115,12 +115,13 @@ impl Levels {
         let path = PathBuf::from(path);
         let files: FilesInMemory =
             names.iter().zip(contents).map(|(name, bytes)| (path.with_file_name(name), bytes.to_vec())).collect();
+        self.levels.add(&path, Some(&files)).map_err(failure)?;
         self.added += 1;
-        self.levels.add(&path, Some(&files)).map_err(failure)
+        Ok(())
     }
 
-    /// What is there in place of the levels of this step, as numbers for [`Engine::levels_view`]; nothing if it is
-    /// what was given last.
+    /// What has been fetched in place of the levels of this step, as numbers for [`Engine::levels_view`]; nothing if it is
+    /// what was given last, or if there are no Gaussians.
     pub fn shown(&mut self) -> Option<Vec<f32>> {
         let now = (self.added, self.wanted.clone());
         if self.shown.as_ref() == Some(&now) || self.added == 0 {
@@ -131,6 +132,9 @@ impl Levels {
         let parts = self.levels.shown(&self.wanted);
         self.sh_degree = parts.iter().map(|part| part.sh_degree).max().unwrap_or(0);
         let count: usize = parts.iter().map(|part| part.len()).sum();
+        if count == 0 {
+            return None;
+        }
         let mut numbers = Vec::with_capacity(count * numbers_of(self.sh_degree));
         let flat = |vectors: &[Vec3]| vectors.iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
         parts.iter().for_each(|part| numbers.extend(flat(&part.means)));

@@ -41,7 +41,7 @@ enum Shown {
 }
 
 /// The most Gaussians of a 3D scene that the CPU draws while the camera moves.
-const FEW: usize = 100_000;
+const FEW: usize = 150_000;
 
 /// Sides of the picture for which the first camera is described, px.
 const SQUARE: u32 = 512;

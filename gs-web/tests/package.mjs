@@ -57,12 +57,20 @@ const TYPES = { html: "text/html", js: "text/javascript", wasm: "application/was
 const withheld = new Set();
 /** Files that the server changes: what is put into their text, and after which part of it. */
 const changed = new Map();
-/** What the server was asked for, since a test has emptied it. */
+/** What the server was asked for, since a test has emptied it, and the folders of it all. */
 const asked = [];
+const askedIn = [];
+/** The folders of chunks that the server was asked for, of the last scene with levels of detail. */
+const levelsAsked = () => askedIn.slice(askedIn.lastIndexOf("city") + 1).filter((name) => /^\d_\d$/.test(name));
+/** Whether chunks are never sent: after a `lod-meta.json?slow`. */
+let slow = false;
 const server = http.createServer(({ url }, response) => {
   const { pathname } = new URL(url, "http://localhost");
   const file = inSite(pathname === "/" ? "index.html" : pathname);
   asked.push(path.basename(file));
+  askedIn.push(path.basename(path.dirname(file)));
+  if (slow && /^\d_\d$/.test(path.basename(path.dirname(file)))) return;
+  if (file.endsWith("lod-meta.json")) slow = new URL(url, "http://localhost").search === "?slow";
   if (!fs.existsSync(file) || withheld.has(path.basename(file))) return response.writeHead(404).end("no");
   response.writeHead(200, { "content-type": TYPES[path.extname(file).slice(1)] ?? "application/octet-stream" }).end(contents(file));
 });
@@ -414,13 +422,14 @@ await viewer.load(3);
         return last.gaussians;
       };
     });
-    // A chunk that is missing from the start is the load's error, and one later is told to the page.
+    // A chunk that is missing from the start is the load's error.
     withheld.add("means_l.webp");
     assert.match(await page.evaluate(() => load()), /_0\/means_l\.webp: the server answers 404/);
     assert.equal(await page.evaluate(() => viewer.info), undefined);
     withheld.clear();
     asked.length = 0;
     assert.deepEqual(await page.evaluate(() => load()), [9000, true]);
+    assert.match(levelsAsked()[0], /^6_/, "the coarsest level comes first");
     const { target } = await page.evaluate(() => viewer.camera);
     const far = await page.evaluate((target) => settled({ position: [target[0], target[1], target[2] - 4000], target }), target);
     const before = asked.length;
@@ -448,6 +457,91 @@ await viewer.load(3);
     assert.match(await page.evaluate(() => fetch("city/lod-meta.json").then((r) => r.blob()).then((blob) => viewer.load(blob, { name: "lod-meta.json" })).then(String, ({ message }) => message)), /open it by its address/);
     assert.equal(await page.evaluate(() => viewer.info.gaussians), 9000, "the scene before stays open");
     assert.deepEqual([...complaints, ...(await page.evaluate(() => errors))], []);
+    await browser.close();
+  },
+
+  async "with WebGPU, levels of detail that come while a picture is drawn do not stop the engine"() {
+    const browser = await launch("--enable-unsafe-webgpu");
+    const { page, complaints } = await placed(browser, { backend: "wgpu" });
+    const found = await page.evaluate(async () => {
+      const pictures = [];
+      globalThis.ondrawn = ({ gaussians }) => pictures.push(gaussians);
+      await viewer.load("city/lod-meta.json");
+      const { position, target } = viewer.camera;
+      for (let k = 1; k < 40; k++) {
+        viewer.camera = { position: position.map((x, axis) => x + (k / 40) * (target[axis] - x)), target };
+        await new Promise((resolve) => setTimeout(resolve, 50));
+      }
+      return { backend: viewer.engine.backend, least: Math.min(...pictures), most: Math.max(...pictures) };
+    });
+    report("with WebGPU", JSON.stringify(found));
+    assert.ok(found.backend === "wgpu" && found.least < found.most, JSON.stringify(found));
+    assert.deepEqual([...complaints, ...(await page.evaluate(() => errors))], []);
+    await browser.close();
+  },
+
+  async "parts of a scene that are missing, elsewhere or cut short are told, and the scene stays"() {
+    const browser = await launch();
+    const { page, complaints } = await placed(browser);
+    const load = (options = {}) => page.evaluate((options) => viewer.load("city/lod-meta.json", options).then(({ gaussians }) => gaussians, ({ name, message }) => `${name}: ${message}`), options);
+    const meta = fs.readdirSync(inSite("city")).filter((name) => name.startsWith("0_")).map((name) => inSite(`city/${name}/meta.json`));
+    const before = meta.map((file) => fs.readFileSync(file));
+    for (const [text, expected] of [
+      ['{ "means": { "files": ["../../stolen"] } }', /expected names of at most 16 images beside it/],
+      ['{ "means": { "files": ["http://localhost:1/x"] } }', /expected names of at most 16 images beside it/],
+      ["<html>", /expected the meta.json of a SOG, found no JSON/],
+      ['{ "version": 2, "means": { "files": ["quats.webp"] } }', /is damaged/],
+    ]) {
+      meta.forEach((file) => fs.writeFileSync(file, text));
+      asked.length = 0;
+      assert.equal(await load(), 9000);
+      await page.evaluate(() => {
+        errors.length = 0;
+        const { target } = viewer.camera;
+        viewer.camera = { position: [target[0], target[1], target[2] - 0.5], target };
+      });
+      await page.waitForFunction(() => errors.length > 0, { timeout: 30_000 });
+      const [error] = await page.evaluate(() => errors);
+      report(error);
+      assert.match(error, expected);
+      assert.ok(!asked.includes("stolen"));
+      assert.equal(await page.evaluate(() => viewer.info.gaussians), 9000);
+    }
+    meta.forEach((file, k) => fs.writeFileSync(file, before[k]));
+    // What never comes can be given up.
+    assert.match(await page.evaluate(async () => {
+      const abort = new AbortController();
+      const loading = viewer.load("city/lod-meta.json?slow", { signal: abort.signal }).catch(({ name }) => name);
+      setTimeout(() => abort.abort(), 300);
+      return loading;
+    }), /AbortError/);
+    const abandoned = page.evaluate(() => viewer.load("city/lod-meta.json?slow").catch(({ name }) => name));
+    await new Promise((resolve) => setTimeout(resolve, 300));
+    assert.equal(await load(), 9000);
+    assert.equal(await abandoned, "AbortError");
+    const disposed = page.evaluate(() => {
+      const loading = viewer.load("city/lod-meta.json?slow").catch(({ name }) => name);
+      return new Promise((resolve) => setTimeout(resolve, 300)).then(() => (viewer.dispose(), loading));
+    });
+    assert.equal(await disposed, "AbortError");
+    assert.deepEqual(complaints, []);
+    for (const [value, expected] of [[0, /maxGaussians is 0, and must be at least 1/], [-3, /maxGaussians is -3/], ["many", /maxGaussians is many/]]) {
+      const other = await placed(browser, { maxGaussians: value });
+      assert.match(await other.page.evaluate(() => viewer.load("city/lod-meta.json").catch(({ message }) => message)), expected);
+      await other.page.close();
+    }
+    // In an element, too, what is there stays.
+    const { page: inElement } = await opened(browser);
+    assert.deepEqual(await set(inElement, "gs-viewer", "src", "city/lod-meta.json"), [["gs-viewer", "load", 9000]]);
+    withheld.add("quats.webp");
+    const told = await inElement.evaluate(() => told.length);
+    await inElement.$eval("gs-viewer", ({ viewer }) => {
+      const { target } = viewer.camera;
+      viewer.camera = { position: [target[0], target[1], target[2] - 0.5], target };
+    });
+    await inElement.waitForFunction((from) => told.slice(from).some(([, event]) => event === "error"), { timeout: 30_000 }, told);
+    assert.equal(await inElement.$eval("gs-viewer", ({ viewer }) => viewer.info.gaussians), 9000);
+    withheld.clear();
     await browser.close();
   },
 

@@ -153,7 +153,7 @@ impl LodNode {
     /// Those of [`cut`](Self::cut).
     ///
     /// # Panics
-    /// Where there is no step of this index, or `shown` has another number of levels than there are cells.
+    /// Where there is no step of this index, or `shown` has fewer levels than there are cells.
     pub fn step(
         &self,
         shown: Option<&[usize]>,

@@ -9,12 +9,17 @@ const MOST_GROWTH: f32 = 3.0;
 const SAMPLES: usize = 50_000;
 
 impl Scene3d {
-    /// About `count` of the Gaussians, for pictures that must come soon. What each covers, its area times its opacity,
-    /// is the probability with which it stays; small ones grow, so that on average as much is covered as before.
-    /// Neighbours in memory should be neighbours in space, as those of a SOG are: then no place loses all of its.
+    /// About `count` of the Gaussians, for pictures that must come soon; all if there are no more.
     ///
-    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007): elements are
-    /// left out at random, and the others get larger.
+    /// The share of a Gaussian is in proportion to its area (of the two longest axes) times its opacity, and at most
+    /// 1. One stays wherever the sum of the shares passes a whole number. It grows by the inverse of its share, at most
+    /// threefold in length, so that the covered area stays the same on average where shares are a ninth or more.
+    /// Neighbours in memory should be neighbours in space, as those of a SOG are: then those that stay are evenly
+    /// spread.
+    ///
+    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007): some elements
+    /// are left out, and the others get larger. There all have the same share; shares by size are those of systematic
+    /// sampling in proportion to size (Madow 1949).
     #[must_use]
     pub fn thinned(&self, count: usize) -> Self {
         if self.len() <= count {
@@ -23,7 +28,7 @@ impl Scene3d {
         let covered = |i: usize| {
             let [a, b, c] = self.log_scales[i].to_array();
             // Without the shortest axis.
-            sigmoid(self.opacity_logits[i]) * (a + b + c - a.min(b).min(c)).exp()
+            (sigmoid(self.opacity_logits[i]) * (a + b + c - a.min(b).min(c)).exp()).max(f32::MIN_POSITIVE)
         };
         let samples: Vec<f32> = (0..self.len()).step_by(self.len().div_ceil(SAMPLES)).map(covered).collect();
         let threshold = threshold(&samples, count as f32 / self.len() as f32);
@@ -97,6 +102,17 @@ mod tests {
         }
         // Each has the values of one that was there.
         assert!(thin.means.iter().zip(thin.sh.chunks(4)).all(|(mean, sh)| sh == [Vec3::splat(mean.x); 4]));
+        // Those with a share below a ninth grow threefold.
+        let few = scene.thinned(300);
+        assert!((290..=310).contains(&few.len()), "{}", few.len());
+        let small = few.log_scales.iter().filter(|s| s.z < -3.0 && s.x < 0.5);
+        assert!(small.clone().count() > 100 && small.clone().all(|s| (s.x - (-2.0 + 3.0_f32.ln())).abs() < 1e-5));
+        // Opaque ones stay rather than others.
+        let mut pale = scene.clone();
+        pale.opacity_logits[5000..].fill(-3.0);
+        let thin = pale.thinned(2000);
+        let (left, right) = (thin.means.iter().filter(|m| m.x < 5000.0).count(), thin.len());
+        assert!(left > 3 * (right - left), "{left} of {right}");
         assert_eq!(scene.thinned(10_000), scene);
         assert_eq!(scene.thinned(0).len(), 0);
     }

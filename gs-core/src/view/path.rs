@@ -76,10 +76,11 @@ impl Bulk {
         Self::around(&seen.iter().map(|index| (scene.means[*index], extent(index))).collect::<Vec<_>>())
     }
 
-    /// The bulk of a scene of which only the cells are known; its Gaussians are taken to be in their centres.
+    /// The bulk of a scene of which only the cells are known, each a ball around its bounds. `None` where there is no
+    /// cell.
     pub fn of_cells(tree: &LodNode) -> Option<Self> {
-        let center = |bounds: &Bounds| bounds.min.midpoint(bounds.max);
-        Self::around(&tree.cells().iter().map(|(bounds, _)| (center(bounds), 0.0)).collect::<Vec<_>>())
+        let ball = |bounds: &Bounds| (bounds.min.midpoint(bounds.max), 0.5 * bounds.min.distance(bounds.max));
+        Self::around(&tree.cells().iter().map(|(bounds, _)| ball(bounds)).collect::<Vec<_>>())
     }
 
     /// The bulk of things with a position and an extent.

@@ -118,6 +118,7 @@ fn chunks_come_one_after_the_other_and_what_is_there_stands_in_for_the_others() 
     assert_eq!(levels.read(&[0, 3]).unwrap(), StreamedSog::open(&path).unwrap().read(&[0, 3]).unwrap().scene);
     assert_eq!(count(&mut levels, &[5, 4]), of([counts[0][6], counts[1][6]]));
     assert_eq!(count(&mut levels, &[6, 0]), of([counts[0][6], counts[1][0]]));
+    assert_eq!(levels.shown_levels().unwrap(), [6, 0]);
     // A chunk without one of its images is an error that names it.
     let mut cut = files(1);
     cut.retain(|path, _| !path.ends_with("quats.webp"));
@@ -323,6 +324,9 @@ fn damaged_trees_are_refused() {
         refused(&path, |m| m["filenames"][0] = json!(name), "names of files below the folder of lod-meta.json");
         refused(&path, |m| m["environment"] = json!(name), "names of files below the folder of lod-meta.json");
     }
+    let twice = |m: &mut Value| m["filenames"][1] = m["filenames"][0].clone();
+    refused(&path, twice, "each once");
+    refused(&path, |m| m["environment"] = m["filenames"][0].clone(), "each once");
     // Nested more deeply than any tree.
     let deep = "{\"tree\":".repeat(100_000);
     fs::write(&path, deep).unwrap();

@@ -99,8 +99,9 @@ fn newest_scene(folder: &Path) -> Option<PathBuf> {
 /// Whether a file is a scene by its name; files are not opened for the list.
 fn is_scene(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    let one_file = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder | Format3d::StreamedSog));
-    one_file || ["ksplat", GSI_EXTENSION, "safetensors", "ply"].contains(&ending.as_str())
+    // The page does not fetch the images of a SOG in a folder.
+    let is_written = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder));
+    is_written || ["ksplat", GSI_EXTENSION, "safetensors", "ply"].contains(&ending.as_str())
 }
 
 fn slashed(path: &Path) -> String {
@@ -128,9 +129,18 @@ mod tests {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, "").unwrap();
         };
-        ["b.ply", "a/c.sog", "a/notes.txt", "run/metrics.csv", "run/scene.ply", ".git/x.ply"]
-            .into_iter()
-            .for_each(write);
+        [
+            "b.ply",
+            "a/c.sog",
+            "city/lod-meta.json",
+            "city/0_0/meta.json",
+            "a/notes.txt",
+            "run/metrics.csv",
+            "run/scene.ply",
+            ".git/x.ply",
+        ]
+        .into_iter()
+        .for_each(write);
         let list = of(place.path());
         let names: Vec<&str> = list
             .iter()

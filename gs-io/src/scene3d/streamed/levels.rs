@@ -31,6 +31,7 @@ pub struct LevelsInMemory {
     room: usize,
     /// Number of calls of [`Self::missing`].
     turn: u64,
+    shown: Option<Vec<usize>>,
 }
 
 /// The Gaussians of a level of a cell.
@@ -50,7 +51,7 @@ impl Part {
 impl LevelsInMemory {
     /// Nothing but the tree yet. Up to `room` bytes are used for levels that are not wanted at present.
     pub fn of(file: StreamedSog, room: usize) -> Self {
-        Self { file, environment: None, parts: HashMap::new(), trained_with: None, room, turn: 0 }
+        Self { file, environment: None, parts: HashMap::new(), trained_with: None, room, turn: 0, shown: None }
     }
 
     /// The bounds of the cells, and the number of Gaussians and the error of each level.
@@ -59,22 +60,26 @@ impl LevelsInMemory {
     }
 
     /// The chunks whose Gaussians are missing for a level of each cell, such as those of [`LodNode::cut`]; the
-    /// nearest to a position first, or the smallest where nothing is in memory yet; the environment last.
+    /// nearest to a position first, and those in whose place finer levels are shown, or the smallest where nothing is
+    /// in memory yet; the environment last.
     ///
     /// # Panics
     /// Where there is another number of levels than of cells, or a level that is not there.
     pub fn missing(&mut self, levels: &[usize], position: Vec3) -> Vec<PathBuf> {
         self.turn += 1;
         let mut distances: HashMap<usize, f32> = HashMap::new();
-        for ((bounds, _), run) in self.file.tree.cells().iter().zip(self.file.wanted(levels)) {
-            let Some(run) = run else { continue };
-            match self.parts.get_mut(&run) {
-                Some(part) => part.wanted = self.turn,
-                None => {
-                    let nearest = distances.entry(run.file).or_insert(f32::INFINITY);
-                    *nearest = nearest.min(bounds.distance(position));
-                }
+        let wanted: Vec<Option<Run>> = self.file.wanted(levels).collect();
+        for (cell, (bounds, _)) in self.file.tree.cells().into_iter().enumerate() {
+            let Some(run) = wanted[cell] else { continue };
+            if let Some(part) = self.parts.get_mut(&run) {
+                part.wanted = self.turn;
+                continue;
             }
+            // One in whose place a finer one is shown takes more Gaussians than there should be.
+            let is_urgent = self.in_place(cell, levels[cell]).is_some_and(|finer| finer < levels[cell]);
+            let distance = if is_urgent { 0.0 } else { bounds.distance(position) };
+            let nearest = distances.entry(run.file).or_insert(f32::INFINITY);
+            *nearest = nearest.min(distance);
         }
         if self.parts.is_empty() {
             distances.iter_mut().for_each(|(chunk, distance)| *distance = self.file.chunks[*chunk].gaussians as f32);
@@ -138,23 +143,35 @@ impl LevelsInMemory {
 
     /// The parts of the scene of a level of each cell, with the environment: the Gaussians of [`StreamedSog::read`] in
     /// the same order. In place of a level that is not in memory comes the next coarser one that is, or else the next
-    /// finer one. Levels that were not wanted for longest leave the memory if there is no room for them.
+    /// finer one, so that there may be more Gaussians than in the levels asked for. Levels that were not wanted for
+    /// longest leave the memory if there is no room for them.
     ///
     /// # Panics
     /// Those of [`missing`](Self::missing).
     pub fn shown(&mut self, levels: &[usize]) -> Vec<&Scene3d> {
-        let is_there = |run: &Run| self.parts.contains_key(run);
-        let in_place = |(runs, &level): (&Vec<Option<Run>>, &usize)| {
-            let coarser = runs[level..].iter().flatten().find(|run| is_there(run));
-            let finer = || runs[..level].iter().rev().flatten().find(|run| is_there(run));
-            // A cell without Gaussians in its level shows none.
-            runs[level].and_then(|_| coarser.or_else(finer).copied())
-        };
-        let mut shown: Vec<Run> = self.file.cells.iter().zip(levels).filter_map(in_place).collect();
+        let in_place: Vec<Option<usize>> = (0..levels.len()).map(|cell| self.in_place(cell, levels[cell])).collect();
+        let mut shown: Vec<Run> =
+            self.file.cells.iter().zip(&in_place).filter_map(|(runs, level)| runs[(*level)?]).collect();
         shown.sort_unstable_by_key(|run| (run.file, run.offset));
+        let nothing = |cell: usize| self.file.cells[cell].len() - 1;
+        self.shown = Some(in_place.iter().enumerate().map(|(cell, l)| l.unwrap_or_else(|| nothing(cell))).collect());
         self.make_room(&shown);
         let parts = shown.iter().filter_map(|run| self.parts.get(run)).map(|part| &part.scene);
         parts.chain(&self.environment).collect()
+    }
+
+    /// The level of each cell that was [`shown`](Self::shown) last, the coarsest where that was none.
+    pub fn shown_levels(&self) -> Option<&[usize]> {
+        self.shown.as_deref()
+    }
+
+    /// The level of a cell that stands for this one: itself, the next coarser one in memory, or the next finer one.
+    fn in_place(&self, cell: usize, level: usize) -> Option<usize> {
+        let runs = &self.file.cells[cell];
+        let is_there = |level: &usize| runs[*level].is_some_and(|run| self.parts.contains_key(&run));
+        // A cell without Gaussians in its level shows none.
+        runs[level]?;
+        (level..runs.len()).find(is_there).or_else(|| (0..level).rev().find(is_there))
     }
 
     /// What the chunks so far were trained with.

@@ -1,7 +1,7 @@
 //! `lod-meta.json` of a streamed SOG.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashSet},
     path::{Component, Path},
 };
 
@@ -106,10 +106,11 @@ impl LodMeta {
         if !(1..=MAX_LEVELS).contains(&meta.lod_levels) {
             return Err(source.damaged(0, format!("1 to {MAX_LEVELS} levels"), meta.lod_levels.to_string()));
         }
-        match meta.filenames.iter().chain(&meta.environment).find(|name| !stays_inside(name)) {
+        let mut names = HashSet::new();
+        match meta.filenames.iter().chain(&meta.environment).find(|name| !stays_inside(name) || !names.insert(*name)) {
             Some(name) => {
                 let found = format!("{:?}", name.chars().take(60).collect::<String>());
-                Err(source.damaged(0, "names of files below the folder of lod-meta.json", found))
+                Err(source.damaged(0, "names of files below the folder of lod-meta.json, each once", found))
             }
             None => Ok(meta),
         }
