@@ -180,10 +180,17 @@ export class Viewer {
       this.#stage.changed().catch(() => {});
     } else if (why) {
       this.#failed(why);
-    } else if (this.#drawnLast) {
-      // The picture stays.
-      this.#options.ondraw?.({ ...Object.assign(this.#drawnLast, { complete }) });
+    } else if (complete) {
+      this.#completed(scene);
     }
+  }
+
+  /** Tells that the last picture, which did not have all that the camera needs when it was drawn, has it after all. */
+  async #completed(scene) {
+    const isRested = await this.#stage.rested();
+    if (!isRested || scene !== this.#staged || !this.#drawnLast || this.#drawnLast.complete) return;
+    this.#drawnLast.complete = true;
+    this.#options.ondraw?.({ ...this.#drawnLast });
   }
 
   /** Something is wrong with the open scene. If the engine has stopped with it, it is closed. */

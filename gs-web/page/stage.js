@@ -71,6 +71,12 @@ export class Stage {
     this.draw(true);
   }
 
+  /** Waits until all pictures are drawn that were asked for; gives whether the camera is at rest then. */
+  async rested() {
+    await (this.#next ?? this.#last).catch(() => {});
+    return !this.#next && !this.#inMotion;
+  }
+
   /** Draws a scene that has changed, as coarsely as the movement of its camera needs. */
   changed() {
     return this.draw(this.#inMotion);

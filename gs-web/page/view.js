@@ -74,10 +74,11 @@ export class ViewPanel {
   }
 
   /** More of a streamed scene can be drawn, or nothing more comes, or a part of it could not be fetched. */
-  levels({ error, fatal, complete, isNew }) {
+  async levels({ error, fatal, complete, isNew }) {
     if (error) return this.#page.fail(Object.assign(new Error(error), { fatal }));
     if (isNew) return this.#stage.changed().catch(() => {});
-    if (this.#picture) Object.assign(this.#picture, { complete });
+    if (!complete || !(await this.#stage.rested()) || !this.#picture) return;
+    this.#picture.complete = true;
     this.#describe();
   }
 
