@@ -5,6 +5,7 @@
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
 //! | … with alpha and ICC profiles | [`read_stored_image`] | [`write_png_with`] |
+//! | … and places on a map (GeoTIFF, world files) | – | [`write_tiff`], [`write_world_file`] |
 //! | grey images of 16 bits, such as depth maps | – | [`write_grey_png`] |
 //! | animations (APNG) | – | [`write_animation`] |
 //! | a scene of any kind: a scene file, a checkpoint, an output folder | [`read_scene`] | – |
@@ -58,9 +59,10 @@ pub use crate::{
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
-        IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, heic_files, image_files, png_bytes,
-        png_bytes_with, premultiplied, read_image, read_image_on, read_image_size, read_stored_image, straight,
-        unreadable_photographs, write_grey_png, write_png, write_png_with,
+        GeoReference, IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, heic_files,
+        image_files, png_bytes, png_bytes_with, premultiplied, read_image, read_image_on, read_image_size,
+        read_stored_image, straight, unreadable_photographs, write_grey_png, write_png, write_png_with, write_tiff,
+        write_world_file,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},

@@ -2,6 +2,10 @@
 
 use std::{fs, path::Path};
 
+use glam::{DVec2, DVec3, Vec3};
+use gs_conformance::posed::small_scene;
+use gs_core::{Gaussian3d, Image, Scene3d};
+use gs_io::WorldFrame;
 use serde_json::json;
 
 use crate::{
@@ -134,4 +138,87 @@ fn a_scene_without_background_has_alpha() {
     assert!(film.refusal().contains("animated PNGs are written without alpha"), "{film:?}");
     let eval = gs(["eval", text(&scene), text(&dataset), "--background", "none"]);
     assert!(eval.refusal().contains("only gs render writes transparent pictures"), "{eval:?}");
+}
+
+/// A scene of grey Gaussians on the ground, 80 m wide, and a red one that is 1 m above it, in this frame.
+fn site(path: &Path, red: DVec3, frame: WorldFrame) {
+    let gaussian = |world: DVec3, scale: f32, color: Vec3| Gaussian3d {
+        mean: ((world - frame.origin) / frame.unit).as_vec3(),
+        log_scale: Vec3::splat((f64::from(scale) / frame.unit).ln() as f32),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 6.0,
+        sh: vec![color],
+    };
+    let ground = |i: u32| DVec3::new(512_300.0 + 10.0 * f64::from(i % 9), 5_412_300.0 + 10.0 * f64::from(i / 9), 0.0);
+    let ground = (0..81).map(|i| gaussian(ground(i), 4.0, Vec3::splat(-1.0)));
+    let scene: Scene3d = ground.chain([gaussian(red, 0.5, Vec3::new(1.7, -1.7, -1.7))]).collect();
+    gs_io::write_3d(path, &scene, &gs_io::WriteOptions3d::default().with(|s| s.trained_with.frame = frame)).unwrap();
+}
+
+/// The mean place of the red pixels, px from the upper left corner.
+fn middle_of_red(image: &Image) -> DVec2 {
+    let weight = |x, y| f64::from((image.pixel(x, y)[0] - image.pixel(x, y)[1] - 0.3).max(0.0));
+    let pixels = || (0..image.height()).flat_map(|y| (0..image.width()).map(move |x| (x, y)));
+    let sum: f64 = pixels().map(|(x, y)| weight(x, y)).sum();
+    let place = |x, y| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    pixels().map(|(x, y)| weight(x, y) * place(x, y)).sum::<DVec2>() / sum
+}
+
+#[test]
+fn a_plan_has_its_place_on_the_map() {
+    let place = folder();
+    let at = |name: &str| place.path().join(name);
+    let (scene, plan) = (at("site.ply"), at("plan.tif"));
+    let red = DVec3::new(512_345.25, 5_412_345.5, 1.0);
+    let frame = WorldFrame { origin: DVec3::new(512_000.0, 5_412_000.0, 300.0), unit: 100.0 };
+    site(&scene, red, frame);
+    let render = |output: &Path, flags: &[&str]| {
+        let command = ["render", text(&scene), "-o", text(output), "--ortho", "200"];
+        gs(command.iter().chain(flags))
+    };
+    for (picture, flags) in [("plan.tif", &["--size", "160x120"][..]), ("plan.png", &[]), ("below.tiff", &["--up=-z"])]
+    {
+        let (picture, run) = (at(picture), render(&at(picture), flags).done());
+        let ending = if picture.extension().unwrap() == "png" { "pgw" } else { "tfw" };
+        let world_file = picture.with_extension(ending);
+        assert!(run.stderr.contains(&format!("and {}, ", world_file.display())), "{run:?}");
+        assert!(run.stderr.contains(" px, 0.5 world units each: "), "{run:?}");
+        let lines = fs::read_to_string(world_file).unwrap();
+        let numbers: Vec<f64> = lines.lines().map(|line| line.parse().unwrap()).collect();
+        let [column, row, center] = [0, 2, 4].map(|i| DVec2::new(numbers[i], numbers[i + 1]));
+        assert!(column.x.abs() == 0.5 && row == DVec2::new(0.0, -0.5) && column.y == 0.0, "{numbers:?}");
+        if flags.contains(&"--up=-z") {
+            assert!(column.x == -0.5, "east is to the left from below");
+            continue; // The ground hides what is above it.
+        }
+        let pixel = middle_of_red(&gs_io::read_image(&picture).unwrap().image) - 0.5;
+        let found = center + pixel.x * column + pixel.y * row;
+        assert!(column.x == 0.5 && found.distance(red.truncate()) < 0.05, "{found} and not {red}");
+    }
+    let run = render(&plan, &["--up", "x"]).done();
+    assert!(run.stderr.contains("has no place on a map: only --up z"), "{run:?}");
+    let image = render(&plan, &["--epsg", "25832", "--background", "none"]).done();
+    assert!(image.stderr.contains("with alpha"), "{image:?}");
+    assert!(gs_io::read_stored_image(&plan).unwrap().alpha.is_some());
+    for (output, flags, part) in [
+        (&plan, &["--epsg", "4326"][..], "must be a projected system"),
+        (&plan, &["--epsg", "25832", "--up", "y"], "use --up z"),
+        (&at("plan.png"), &["--epsg", "25832"], "only a TIFF names its coordinate system"),
+    ] {
+        assert!(render(output, flags).refusal().contains(part), "{part}");
+    }
+    let perspective = gs(["render", text(&scene), "-o", text(&plan)]);
+    assert!(perspective.refusal().contains("in .tif with --ortho"), "{perspective:?}");
+}
+
+#[test]
+fn a_plan_without_world_frame_is_a_plain_tiff() {
+    let place = folder();
+    let (scene, plan) = (place.path().join("site.ply"), place.path().join("plan.tif"));
+    gs_io::write_3d(&scene, &small_scene(0), &gs_io::WriteOptions3d::default()).unwrap();
+    let run = gs(["render", text(&scene), "-o", text(&plan), "--ortho", "20", "--size", "64x48"]).done();
+    assert!(run.stderr.contains("px, 0.05 scene units each: "), "{run:?}");
+    assert!(run.stderr.contains("has no place on a map: the scene has no world frame"), "{run:?}");
+    assert_eq!(gs_io::read_image(&plan).unwrap().image.size(), (64, 48));
+    assert_eq!(names_in(place.path()), ["plan.tif", "site.ply"]);
 }

@@ -1,9 +1,11 @@
-//! Images: read from common formats into `f32` by [`read_image`], written as PNG by [`write_png`].
+//! Images: read from common formats into `f32` by [`read_image`], written as PNG by [`write_png`]
+//! and as TIFF by [`write_tiff`].
 
 mod alpha;
 mod color;
 mod decode;
 mod folder;
+mod geotiff;
 mod kind;
 mod png_file;
 mod profile;
@@ -26,6 +28,7 @@ pub(crate) use self::{
 pub use self::{
     alpha::{premultiplied, straight},
     folder::{heic_files, image_files, unreadable_photographs},
+    geotiff::{GeoReference, write_tiff, write_world_file},
     png_file::{PngExtras, png_bytes, png_bytes_with, write_grey_png, write_png, write_png_with},
     profile::IccProfile,
     remark::ImageRemark,

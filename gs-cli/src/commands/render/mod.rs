@@ -1,6 +1,7 @@
 //! `gs render`: a scene as a picture, or as many pictures of a moving camera.
 
 mod panorama;
+mod plan;
 mod scene2d;
 mod scene3d;
 
@@ -22,7 +23,7 @@ use crate::{
         dataset::ReadingArgs,
         effects_args::EffectsArgs,
         render_args::RenderArgs3d,
-        values::{Behind, Region, Size, ViewName, axis, whole},
+        values::{Behind, Region, Size, ViewName, axis, positive, whole},
     },
     terminal::output::{self, printable},
 };
@@ -58,7 +59,8 @@ const BACKGROUND: &str = "Background colour: black, white, R,G,B, or none for PN
 pub(crate) struct RenderArgs {
     /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
-    /// The PNG to write; for an orbit or a path, a folder of frames or an animated PNG (.apng)
+    /// The PNG to write, or the GeoTIFF (.tif) of a plan; for an orbit or a path, a folder of frames or an animated PNG
+    /// (.apng)
     #[arg(short, long, value_name = "OUTPUT")]
     output: PathBuf,
     #[command(flatten)]
@@ -141,14 +143,20 @@ struct CameraArgs {
     /// Cameras along the path in this file
     #[arg(long, value_name = "FILE.json", conflicts_with = "size")]
     path: Option<PathBuf>,
-    /// From straight above without perspective, at this many pixels a unit of the scene
-    #[arg(long, value_name = "PX", value_parser = above_0, conflicts_with_all = ["camera", "orbit", "path", "panorama"])]
-    ortho: Option<f32>,
+    /// From straight above without perspective, at this many pixels a unit of the scene; with its place on a map if the
+    /// scene is in the coordinates of one
+    #[arg(long, value_name = "PX", value_parser = positive,
+          conflicts_with_all = ["camera", "orbit", "path", "panorama"])]
+    ortho: Option<f64>,
+    /// EPSG code of the projected coordinate system of the scene's data set, for the GeoTIFF of a plan, such as 32632
+    /// for UTM zone 32 north
+    #[arg(long, value_name = "CODE", value_parser = epsg, requires = "ortho")]
+    epsg: Option<u16>,
     /// All directions around the camera as one equirectangular picture [size: 2000x1000, or that of a path]
     #[arg(long)]
     panorama: bool,
     /// Up direction and axis of an orbit: x, y, z, -x, -y or -z [default: that of the data set,
-    /// otherwise -y]
+    /// z for a plan with a place on a map, otherwise -y]
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     up: Option<Vec3>,
     /// Frames per second of an animated PNG
@@ -164,15 +172,31 @@ fn above_0(text: &str) -> Result<f32, String> {
     value.ok_or_else(|| "must be a number above 0".to_owned())
 }
 
-/// Endings of formats that are not written. A PNG with such a name would be mistaken for one.
+/// Parses the EPSG code of a projected coordinate system, as GeoTIFF stores it.
+fn epsg(text: &str) -> Result<u16, String> {
+    match whole::<u16>(1024..=32766)(text)? {
+        4258 | 4269 | 4326 | 4937 | 4978 | 4979 => {
+            Err("must be a projected system, not one in degrees or ECEF".to_owned())
+        }
+        code => Ok(code),
+    }
+}
+
+/// Endings of formats that are not written, except TIFF for plans. A PNG with such a name would be mistaken for one.
 const OTHER_PICTURES: [&str; 10] = ["jpg", "jpeg", "gif", "webp", "avif", "bmp", "tif", "tiff", "exr", "mp4"];
 
 /// Renders a scene.
 pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let ending = args.output.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-    if ending.is_some_and(|ending| OTHER_PICTURES.contains(&ending.as_str())) {
+    let is_tiff = plan::is_tiff(&args.output);
+    let is_geotiff = is_tiff && args.cameras.ortho.is_some();
+    if !is_geotiff && ending.is_some_and(|ending| OTHER_PICTURES.contains(&ending.as_str())) {
         let failure = Failure::usage("a picture is written as PNG").at(args.output.display());
-        return Err(failure.hint("let its name end in .png, or in .apng for an animation"));
+        return Err(failure.hint("let its name end in .png, in .apng for an animation, or in .tif with --ortho"));
+    }
+    if args.cameras.epsg.is_some() && !is_tiff {
+        let failure = Failure::usage("only a TIFF names its coordinate system").at("--epsg");
+        return Err(failure.hint("let the name of the output end in .tif"));
     }
     if let Some(budget) = args.max_gaussians {
         let lod = Lod::open(&args.scene, budget)?;

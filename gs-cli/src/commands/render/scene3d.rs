@@ -2,22 +2,22 @@
 
 use std::{fs, path::Path};
 
-use glam::{Vec2, Vec3};
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{
-    Camera, Culled, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d,
-    constants::MAX_SIDE_PX,
-    counted,
+    Camera, Culled, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d, counted,
     effects::RequiredEffects,
-    view::{Bulk, CameraPath, Orbit},
+    view::{CameraPath, Orbit},
 };
 use gs_io::{
     Animation, File3d, FolderClaim, PngExtras, StoredImage, dataset::Dataset, draw_with_alpha, write_animation,
-    write_grey_png, write_png_with,
+    write_grey_png, write_png_with, write_tiff, write_world_file,
 };
 use gs_train::parse_json;
 
-use super::{CameraArgs, RenderArgs, panorama};
+use super::{
+    CameraArgs, RenderArgs, panorama,
+    plan::{self, Plan},
+};
 use crate::{
     failure::Failure,
     files::{
@@ -45,6 +45,8 @@ pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
+    let CameraArgs { ortho, epsg, .. } = args.cameras;
+    let plan = ortho.map(|scale| Plan::of(&cameras[0], scale, file.trained_with.frame, epsg)).transpose()?;
     let faces = |camera: &Camera| match args.cameras.panorama {
         true => panorama::cameras(camera, camera.width).to_vec(),
         false => vec![*camera],
@@ -71,7 +73,7 @@ pub(super) fn run(args: &RenderArgs, file: &File3d, lod: Option<&Lod>) -> Result
     let render = args.with_accuracy(args.render.settings(file, dataset.as_ref()))?;
     let backend = args.backend.open()?;
     let RequiredEffects { settings, decisions } = args.effects.choice().choose(scene, &drawn, &render)?;
-    render_frames(args, &backend.rasterizer, scene, &cameras, &settings, claim)?;
+    render_frames(args, &backend.rasterizer, scene, (&cameras, plan), &settings, claim)?;
     args.render.note_guess(file);
     if let Some(effects) = effects_args::describe(&decisions).filter(|_| args.verbose) {
         output::note(effects);
@@ -142,7 +144,8 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
         return Ok((cameras, None));
     }
     if let Some(scale) = args.ortho {
-        return Ok((vec![from_above(&file.scene, scale, size, args.up)?], None));
+        let up = plan::up(args, &file.trained_with.frame);
+        return Ok((vec![plan::camera(&file.scene, scale, size, up)?], None));
     }
     let (Home { camera, target, up }, dataset) = Home::named(args.camera.as_ref(), &args.reading, file, size, args.up)?;
     let camera = match size.unwrap_or(PANORAMA) {
@@ -158,22 +161,6 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
 
 /// Default size of a panorama.
 const PANORAMA: Size = Size { width: 2000, height: 1000 };
-
-/// Distance of the camera of an orthographic picture in radii of the scene. What is a radius above or below the centre
-/// moves by a 4000th of its distance from the middle of the picture: by 1/8 px at the border of 1000 px.
-const FAR: f32 = 4000.0;
-
-/// A camera so far above the scene that its rays are parallel, with this many pixels a unit.
-fn from_above(scene: &Scene3d, scale: f32, size: Option<Size>, up: Option<Vec3>) -> Result<Camera, Failure> {
-    let bulk = Bulk::of(scene).ok_or_else(|| Failure::failed("the scene has no Gaussian that could be seen"))?;
-    let side = (2.0 * bulk.radius * scale).ceil().clamp(1.0, MAX_SIDE_PX as f32) as u32;
-    let Size { width, height } = size.unwrap_or(Size { width: side, height: side });
-    let (up, distance) = (up.unwrap_or(Vec3::NEG_Y), FAR * bulk.radius);
-    let ahead = if up.z == 0.0 { Vec3::Z } else { Vec3::Y };
-    let lens = Camera { focal: Vec2::splat(scale * distance), ..Camera::looking_forward(width, height, 1.0) };
-    lens.looking_at(bulk.center + up * distance, bulk.center, ahead)
-        .ok_or_else(|| Failure::failed("the scene is too large to be seen from outside; gs info shows its extent"))
-}
 
 /// Depths in steps of a part of the unit, `[height · width]`; 0 where less than half of a pixel is covered, or beyond
 /// 65,535 steps. The depth of a pixel is the harmonic mean over its Gaussians.
@@ -194,7 +181,7 @@ fn render_frames(
     args: &RenderArgs,
     rasterizer: &AnyRasterizer,
     scene: &Scene3d,
-    cameras: &[Camera],
+    (cameras, plan): (&[Camera], Option<Plan>),
     render: &RenderSettings,
     claim: Option<FolderClaim>,
 ) -> Result<(), Failure> {
@@ -238,8 +225,10 @@ fn render_frames(
         culled = culled.plus(left_out);
         Ok((image, alpha))
     };
+    let place = plan.and_then(|plan| plan.place);
     let write = |path: &Path, (image, alpha): (Image, Option<Vec<f32>>)| match (args.depth, &alpha) {
         (Some(step), Some(alpha)) => write_grey_png(path, image.size(), &depths(&image, alpha, step)),
+        _ if plan::is_tiff(path) => write_tiff(path, &image, alpha.as_deref(), place.as_ref()),
         _ => write_png_with(path, &image, PngExtras { alpha: alpha.as_deref(), profile: None }),
     };
     let Camera { width, height, .. } = cameras[0];
@@ -258,6 +247,7 @@ fn render_frames(
             }
         }
     }
+    let world_file = place.map(|place| write_world_file(output, &place)).transpose()?.flatten();
     let size = match cameras.len() {
         1 if matches!(Output::of(args, 1)?, Output::Picture) => format!("{width}x{height} px"),
         frames => format!("{} of {width}x{height} px", counted(frames, "frame")),
@@ -267,7 +257,12 @@ fn render_frames(
         false => render_args::describe(render),
     };
     let how = args.depth.map_or(how, |step| format!("depths in steps of {step} of the scene's unit"));
-    output::note(format_args!("wrote {}, {size}: {how}", output.display()));
+    let size = plan.map_or(size.clone(), |plan| format!("{size}, {}", plan.describe()));
+    let beside = world_file.map_or(String::new(), |path| format!(" and {}", path.display()));
+    output::note(format_args!("wrote {}{beside}, {size}: {how}", output.display()));
+    if let Some(why) = plan.and_then(|plan| plan.why_unplaced()).filter(|_| plan::is_tiff(output)) {
+        output::note(format_args!("note: {} has no place on a map: {why}", output.display()));
+    }
     if let Some(why) = why_empty(culled, scene.len(), cameras.len() * if args.cameras.panorama { 6 } else { 1 }) {
         output::note(format_args!("note: nothing of the scene is in sight: {why}"));
     }
@@ -283,28 +278,5 @@ mod tests {
         let inverse = Image::from_pixels(4, 1, [0.5, 0.25, 0.1, 0.0].map(|value| [value; 3]).to_vec()).unwrap();
         assert_eq!(depths(&inverse, &[1.0, 0.5, 0.4, 0.0], 0.001), [2000, 2000, 0, 0]);
         assert_eq!(depths(&inverse, &[1.0; 4], 1e-5), [0; 4], "too far for 16 bits, or without end");
-    }
-
-    #[test]
-    fn a_picture_from_above_has_one_scale() {
-        let gaussian = |x: f32, y: f32, z: f32| gs_core::Gaussian3d {
-            mean: Vec3::new(x, y, z),
-            log_scale: Vec3::splat(-5.0),
-            rotation: [1.0, 0.0, 0.0, 0.0],
-            opacity_logit: 2.0,
-            sh: vec![Vec3::ZERO],
-        };
-        let place = |i| gaussian((i % 5) as f32 - 2.0, (i % 3) as f32 - 1.0, (i / 5) as f32);
-        let scene: Scene3d = (0..20).map(place).collect();
-        let camera = from_above(&scene, 100.0, None, None).unwrap();
-        camera.validate().unwrap();
-        let at = |x, y, z| camera.project(Vec3::new(x, y, z)).unwrap().0;
-        for height in [-1.0, 1.0] {
-            let right = at(1.0, height, 2.0) - at(0.0, height, 2.0);
-            let ahead = at(0.0, height, 3.0) - at(0.0, height, 2.0);
-            assert!(right.distance(Vec2::new(100.0, 0.0)) < 0.1, "{right}");
-            assert!(ahead.distance(Vec2::new(0.0, -100.0)) < 0.1, "{ahead}");
-        }
-        assert!(at(2.0, 1.0, 2.0).distance(at(2.0, -1.0, 2.0)) < 0.2);
     }
 }
