@@ -12,7 +12,6 @@ mod codec;
 mod convert;
 mod density;
 mod gradients;
-mod oracle;
 mod poses;
 mod quality;
 mod render;
@@ -40,7 +39,6 @@ mod _native {
         codec::{Encoded, decode, decode_image, encode},
         density::{observation::Observation, plan::Plan},
         gradients::{ForwardPass, forward},
-        oracle::{oracle_gradient, oracle_render},
         poses::poses,
         quality::{compare, evaluate, read_image, write_png},
         render::render,

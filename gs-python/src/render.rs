@@ -5,7 +5,6 @@ use std::sync::Arc;
 use gs_backend::block_on;
 use gs_core::{Canvas, Parameterization, Rasterizer as _, RenderSettings};
 use gs_io::draw_with_alpha;
-use gs_oracle::OracleScene;
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
@@ -19,16 +18,6 @@ use crate::{
 pub(crate) enum Viewed {
     TwoD(Arc<gs_core::Scene2d>, Canvas, RenderSettings),
     ThreeD(Arc<gs_core::Scene3d>, gs_core::Camera, RenderSettings),
-}
-
-impl Viewed {
-    /// The scene in 64 bits.
-    pub(crate) fn oracle_scene(&self) -> OracleScene {
-        match self {
-            Self::TwoD(scene, ..) => (&**scene).into(),
-            Self::ThreeD(scene, ..) => (&**scene).into(),
-        }
-    }
 }
 
 /// The scene, the view and the settings of a rendering.

@@ -7,7 +7,6 @@ from typing import Any
 import gaussian_splats as gs
 import numpy as np
 import pytest
-from gaussian_splats import oracle
 
 torch: Any = pytest.importorskip("torch")
 
@@ -23,17 +22,14 @@ def tensors(scene: gs.Scene2d | gs.Scene3d) -> dict[str, Any]:
 
 
 def check(scene: gs.Scene2d | gs.Scene3d, render: Any, **view: Any) -> None:
-    """Compare all gradients of a loss with finite differences, and with the oracle's."""
+    """Compare all gradients of a loss with finite differences."""
     values = tensors(scene)
     image = render(**values, settings=SMOOTH, backend="cpu", **view)
     assert image.dtype == torch.float64
     v_image = torch.tensor(np.random.default_rng(5).normal(size=image.shape), dtype=torch.float32)
     (image * v_image).sum().backward()
-    expected = oracle.gradient(scene, v_image.numpy(), settings=SMOOTH, **view)
     for name, tensor in values.items():
         assert tensor.grad.dtype == torch.float64
-        largest = np.abs(expected[name]).max()
-        assert np.abs(tensor.grad.numpy() - expected[name]).max() < 1e-3 * largest, name
         direction = torch.tensor(np.random.default_rng(6).normal(size=tensor.shape))
 
         def loss(step: float, name: str = name, direction: Any = direction) -> float:

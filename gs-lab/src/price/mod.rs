@@ -1,8 +1,7 @@
 //! What an approximation costs, in time, error, flicker and by stage.
 //!
 //! One engine measures for all: settings are timed in turn, after a warm-up, and compared by their
-//! medians and their noise; pictures are compared with a reference, by another rendering or by the
-//! 64-bit oracle. The questions are:
+//! medians and their noise; pictures are compared with another rendering. The questions are:
 //!
 //! - [`effect_prices`]: which effects a scene requires, and what each costs and changes;
 //!   [`training_prices`] asks that of corrections in a training.
@@ -18,7 +17,6 @@ mod machine;
 mod noise;
 mod picture_error;
 mod popping;
-mod reference;
 mod stages;
 mod timing;
 mod training;
@@ -28,7 +26,6 @@ pub use self::{
     effects::{EffectPrices, effect_prices},
     frontier::{Frontier, Search},
     popping::{PoppingPrices, SlowOrbit, popping_prices},
-    reference::Verifiable,
     stages::{StagePrices, stage_prices},
     training::{TrainingPrices, training_prices},
 };

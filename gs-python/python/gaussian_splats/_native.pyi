@@ -347,25 +347,6 @@ class ForwardPass:
         :raises RuntimeError: before :meth:`backward`, and where the settings do not ask for it.
         """
 
-def oracle_render(
-    scene: Scene2d | Scene3d,
-    camera: Camera | None = None,
-    *,
-    size: tuple[int, int] | None = None,
-    settings: Settings | None = None,
-) -> npt.NDArray[np.float64]:
-    """See :func:`gaussian_splats.oracle.render`."""
-
-def oracle_gradient(
-    scene: Scene2d | Scene3d,
-    v_image: Floats,
-    camera: Camera | None = None,
-    *,
-    size: tuple[int, int] | None = None,
-    settings: Settings | None = None,
-) -> npt.NDArray[np.float64]:
-    """Rows of gradients, (N, P); see :func:`gaussian_splats.oracle.gradient`."""
-
 def encode(
     image: ImageSource,
     *,

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
-use gs_core::Optimizer;
+use gs_core::{Optimizer, Scene};
 use gs_io::Inputs;
-use gs_lab::price::{Frontier, Search, Verifiable};
+use gs_lab::price::{Frontier, Search};
 use serde::Serialize;
 
 use super::{Cameras, Facts, Seen, Subject, SubjectArgs};
@@ -27,7 +27,7 @@ A 3D scene is seen from views of --dataset, or from an orbit around it.
 Every setting is measured alone: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
 every SIMD level and one thread; on a GPU every kind of kernel. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
 two settings: their difference is the noise, and smaller differences are `no difference`. The \
-error is that of the worst channel of any pixel, not clamped, against the 64-bit oracle without \
+error is that of the worst channel of any pixel, not clamped, against a rendering without \
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
 change.
 
@@ -118,7 +118,7 @@ fn measure<S>(
     folder: Option<&OutputFolder>,
 ) -> Result<(), Failure>
 where
-    S: Verifiable,
+    S: Scene,
     AnyRasterizer: Optimizer<S>,
 {
     let what = facts.text();

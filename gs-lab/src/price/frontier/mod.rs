@@ -2,12 +2,12 @@
 //! its error are measured on the given scene, views and machine.
 //!
 //! A `Sweep` is a scene on several candidates: backends, instruction sets and configurations.
-//! [`Search::run`] measures every setting alone: its time, and its error against the 64-bit oracle. Measurements are
-//! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
+//! [`Search::run`] measures every setting alone: its time, and its error
+//! against a rendering without cut-offs. Measurements are interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
 //! settings. Differences in time below the difference of these two are noise.
 //!
 //! The reference picture has the effects of the default settings and no cut-offs: no α cut, no
-//! early stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients
+//! early stop at full pixels. The first backend that can render it does. Other sort orders, other antialiasing and fewer SH coefficients
 //! change the picture; their error is the difference from the reference.
 //!
 //! `Binning::Reuse` is not measured: it is an approximation of training steps, not of a picture.
@@ -23,7 +23,7 @@ use gs_backend::AnyRasterizer;
 use gs_core::{Optimizer, RenderSettings, Scene};
 
 use self::sweep::{Sweep, search};
-use super::{machine::candidates, reference::Verifiable};
+use super::machine::candidates;
 use crate::error::Error;
 
 pub use self::outcome::Frontier;
@@ -44,14 +44,14 @@ pub struct Search<'a, S: Scene> {
     pub seconds: f64,
 }
 
-impl<S: Verifiable> Search<'_, S>
+impl<S: Scene> Search<'_, S>
 where
     AnyRasterizer: Optimizer<S>,
 {
     /// Measures every setting alone, on every backend. Reports its progress to `watch`.
     ///
     /// # Errors
-    /// Those of the backends, and of the oracle for effects that it does not have;
+    /// Those of the backends;
     /// [`gs_core::Error::Setting`] without a view or a backend.
     pub fn run(self, watch: &mut dyn FnMut(&str)) -> Result<Frontier, Error> {
         let Self { scene, backends, shown, views, seconds } = self;
@@ -59,6 +59,6 @@ where
         for base in backends {
             all.extend(candidates(base, scene)?);
         }
-        Ok(search(&Sweep { scene, candidates: all, shown }, views, seconds, watch)?)
+        Ok(search(&Sweep { candidates: all, shown }, views, seconds, watch)?)
     }
 }

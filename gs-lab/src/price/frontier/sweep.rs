@@ -1,13 +1,12 @@
 //! The search for the frontier.
 
-use gs_core::{Accuracy, Error, RenderSettings, Scene, duration};
+use gs_core::{Accuracy, Error, Image, RenderSettings, duration};
 
 use super::{
     super::{
         machine::Candidate,
         noise::{Noise, TimeComparison},
         picture_error::PictureError,
-        reference::{Reference, Verifiable},
         timing::{ROUNDS, Rounds, Timed, Times, interleaved},
     },
     outcome::{BackendNoise, Frontier, Measured, Refused, Role},
@@ -15,19 +14,17 @@ use super::{
     setting::{Setting, alternatives},
 };
 
-/// A scene with the candidates that render it.
+/// The candidates that render a scene.
 #[derive(Debug)]
-pub(crate) struct Sweep<'a, S: Scene> {
-    /// The scene.
-    pub(super) scene: &'a S,
+pub(crate) struct Sweep<'a, V> {
     /// The candidates, at least one. Those of a backend are neighbours, the one that its default is
     /// measured on first.
-    pub(super) candidates: Vec<Candidate<'a, S::View>>,
+    pub(super) candidates: Vec<Candidate<'a, V>>,
     /// The default settings of all backends. Their effects define the reference picture.
     pub(super) shown: RenderSettings,
 }
 
-impl<S: Verifiable> Sweep<'_, S> {
+impl<V> Sweep<'_, V> {
     /// The default settings without cut-offs, which the reference picture has.
     fn tightest(&self) -> RenderSettings {
         self.shown.with(|s| s.accuracy = Accuracy::TIGHTEST)
@@ -76,12 +73,7 @@ impl<S: Verifiable> Sweep<'_, S> {
 
     /// Splits rows into those that their candidates can render and the others. The default has to be
     /// rendered.
-    fn admitted(
-        &self,
-        rows: Vec<Measured>,
-        views: &[S::View],
-        refused: &mut Vec<Refused>,
-    ) -> Result<Vec<Measured>, Error> {
+    fn admitted(&self, rows: Vec<Measured>, views: &[V], refused: &mut Vec<Refused>) -> Result<Vec<Measured>, Error> {
         let mut admitted = Vec::with_capacity(rows.len());
         for row in rows {
             let is_default = matches!(row.role, Role::Default | Role::Again);
@@ -95,7 +87,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// The reason why a candidate cannot render these views with these settings, if it cannot.
-    fn refusal(&self, candidate: usize, settings: &RenderSettings, views: &[S::View]) -> Result<Option<String>, Error> {
+    fn refusal(&self, candidate: usize, settings: &RenderSettings, views: &[V]) -> Result<Option<String>, Error> {
         for view in views {
             match self.candidates[candidate].renderer.seconds(view, settings) {
                 Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
@@ -110,7 +102,7 @@ impl<S: Verifiable> Sweep<'_, S> {
     }
 
     /// The first backend that can render these views with these settings.
-    fn able(&self, settings: &RenderSettings, views: &[S::View]) -> Result<Option<usize>, Error> {
+    fn able(&self, settings: &RenderSettings, views: &[V]) -> Result<Option<usize>, Error> {
         for base in self.bases() {
             if self.refusal(base, settings, views)?.is_none() {
                 return Ok(Some(base));
@@ -119,16 +111,11 @@ impl<S: Verifiable> Sweep<'_, S> {
         Ok(None)
     }
 
-    /// The reference pictures of the views. Their worst pixels are found on the first backend that
-    /// can render without cut-offs.
-    pub(super) fn references(&self, views: &[S::View]) -> Result<Vec<Reference>, Error> {
-        let (scene, settings) = (self.scene.rows(), self.tightest());
+    /// The reference pictures of the views, by the first backend that can render without cut-offs.
+    fn references(&self, views: &[V]) -> Result<Vec<Image>, Error> {
+        let settings = self.tightest();
         let able = self.able(&settings, views)?.unwrap_or_default();
-        let reference = |view: &S::View| {
-            let tightest = self.candidates[able].renderer.image(view, &settings)?;
-            Reference::new(&scene, *view, &settings, tightest, views.len())
-        };
-        views.iter().map(reference).collect()
+        views.iter().map(|view| self.candidates[able].renderer.image(view, &settings)).collect()
     }
 
     /// The error of a candidate's pictures.
@@ -136,17 +123,17 @@ impl<S: Verifiable> Sweep<'_, S> {
         &self,
         candidate: usize,
         settings: &RenderSettings,
-        views: &[S::View],
-        references: &[Reference],
+        views: &[V],
+        references: &[Image],
     ) -> Result<PictureError, Error> {
         let renderer = &self.candidates[candidate].renderer;
-        let one = |(view, reference): (&S::View, &Reference)| reference.error(&renderer.image(view, settings)?);
+        let one = |(view, reference)| PictureError::between(&renderer.image(view, settings)?, reference);
         let errors = views.iter().zip(references).map(one).collect::<Result<Vec<_>, Error>>()?;
         Ok(PictureError::of_views(&errors))
     }
 
     /// Seconds per view of each row, measured in turn.
-    fn times(&self, rows: &[Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
+    fn times(&self, rows: &[Measured], views: &[V], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
         let candidate = |row: &Measured| {
             let Candidate { renderer, backend, .. } = &self.candidates[row.candidate];
             Timed { renderer: renderer.as_ref(), group: backend, settings: row.settings }
@@ -156,7 +143,7 @@ impl<S: Verifiable> Sweep<'_, S> {
 
     /// What a search is about to do with these rows, with the time of the default's second rendering,
     /// after a warm-up.
-    fn announcement(&self, rows: &[Measured], views: &[S::View], least: f64) -> Result<String, Error> {
+    fn announcement(&self, rows: &[Measured], views: &[V], least: f64) -> Result<String, Error> {
         // Tried, and its error measured; measured in turn, with a warm-up.
         let renderings = (2 + 1 + ROUNDS[0]) * views.len();
         let (settings, mut seconds) = (rows.len(), 0.0);
@@ -170,7 +157,7 @@ impl<S: Verifiable> Sweep<'_, S> {
         let seconds = seconds.max(least);
         Ok(format!(
             "measuring {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {}, \
-             and some seconds for reference pictures",
+             and some seconds for their pictures",
             settings * renderings,
             duration(seconds)
         ))
@@ -181,11 +168,10 @@ impl<S: Verifiable> Sweep<'_, S> {
 /// seven rounds are measured, however long they take. Reports its progress to `watch`.
 ///
 /// # Errors
-/// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`]
-/// without a view or a candidate.
-pub(super) fn search<S: Verifiable>(
-    sweep: &Sweep<'_, S>,
-    views: &[S::View],
+/// Those of rendering; [`Error::Setting`] without a view or a candidate.
+pub(super) fn search<V>(
+    sweep: &Sweep<'_, V>,
+    views: &[V],
     seconds: f64,
     watch: &mut dyn FnMut(&str),
 ) -> Result<Frontier, Error> {
@@ -197,7 +183,6 @@ pub(super) fn search<S: Verifiable>(
         rows.extend(sweep.single_rows(base));
     }
     watch(&sweep.announcement(&rows, views, seconds)?);
-    watch("computing reference pictures with the 64-bit oracle");
     let references = sweep.references(views)?;
     let mut refused = Vec::new();
     let mut rows = sweep.admitted(rows, views, &mut refused)?;
@@ -215,8 +200,6 @@ pub(super) fn search<S: Verifiable>(
         refused,
         noise,
         views: views.len(),
-        sampled: references.iter().map(Reference::sampled).sum(),
-        uncertainty: references.iter().map(Reference::uncertainty).fold(0.0, f64::max),
     })
 }
 
