@@ -9,7 +9,7 @@ use std::{
 use gs_codec::Extent;
 use gs_core::{
     RenderSettings, SplatsState,
-    effects::{Background, Statistics},
+    effects::Statistics,
     examination::{self, Examinable},
 };
 use serde::Deserialize;
@@ -155,9 +155,6 @@ fn read_file(path: &Path, values: Values) -> Result<SceneFile, Error> {
 struct Trained {
     #[serde(default)]
     render: RenderSettings,
-    /// What is behind a 3D scene in training: "random" is another colour in each step.
-    #[serde(default)]
-    background: Option<String>,
 }
 
 impl Trained {
@@ -165,9 +162,6 @@ impl Trained {
     fn render_settings(self) -> RenderSettings {
         let mut render = self.render;
         render.effects.statistics = Statistics::None;
-        if self.background.as_deref() == Some("random") {
-            render.effects.background = Background::Solid;
-        }
         render
     }
 }
@@ -305,10 +299,4 @@ mod tests {
         assert_eq!(readable_in(folder.path()), Some(folder.path().join("scene.ply")));
     }
 
-    #[test]
-    fn a_random_background_in_training_is_rendered_as_a_solid_one() {
-        let trained: Trained = toml::from_str("background = 'random'").unwrap();
-        assert_eq!(trained.render_settings().effects.background, Background::Solid);
-        assert_eq!(Trained::default().render_settings(), RenderSettings::default());
-    }
 }

@@ -176,29 +176,6 @@ impl Behind {
     }
 }
 
-/// The background of a scene in training, written black, white, random or R,G,B.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum TrainBackground {
-    /// One colour.
-    Solid(Color),
-    /// A new colour in each step.
-    Random,
-}
-
-impl FromStr for TrainBackground {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "random" => Ok(Self::Random),
-            _ => text
-                .parse()
-                .map(Self::Solid)
-                .map_err(|_| "write black, white, random, or R,G,B, each from 0 to 1".to_owned()),
-        }
-    }
-}
-
 /// A view of a data set, written DATASET:VIEW.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ViewName {
@@ -261,9 +238,7 @@ mod tests {
         assert_eq!("1536x1024".parse(), Ok(Size { width: 1536, height: 1024 }));
         assert_eq!("0, -1.5,2,3".parse(), Ok(Region { origin: Vec2::new(0.0, -1.5), extent: Vec2::new(2.0, 3.0) }));
         assert_eq!("1,0.5,0".parse(), Ok(Color([1.0, 0.5, 0.0])));
-        assert_eq!("0,1,0".parse(), Ok(TrainBackground::Solid(Color([0.0, 1.0, 0.0]))));
-        assert_eq!("white".parse(), Ok(TrainBackground::Solid(Color([1.0; 3]))));
-        assert_eq!("random".parse(), Ok(TrainBackground::Random));
+        assert_eq!("white".parse(), Ok(Color([1.0; 3])));
         let view = ViewName { dataset: "C:/dataset".into(), view: "a/b.png".to_owned() };
         assert_eq!("C:/dataset:a/b.png".parse(), Ok(view));
         assert_eq!(axis("-y"), Ok(Vec3::NEG_Y));
@@ -305,7 +280,6 @@ mod tests {
         }
         for color in ["", "1,1", "2,0,0", "NaN,0,0", "#fff"] {
             assert!(color.parse::<Color>().is_err(), "{color}");
-            assert!(color.parse::<TrainBackground>().is_err(), "{color}");
         }
         for view in ["", "dataset", ":a", "dataset:"] {
             assert!(view.parse::<ViewName>().is_err(), "{view}");

@@ -189,7 +189,7 @@ async fn fitted<R: Optimizer<Scene3d>>(
     let stride = (stride..).find(|&stride| is_coprime(stride, views.len())).unwrap_or(1);
     for number in 0..steps {
         let view = &views[number * stride % views.len()];
-        let (target, _) = images::target(on, view.image()?, Some(render.background_color()), true)?;
+        let (target, _) = images::target(on, view.image()?, render.background_color(), true)?;
         on.train_step(&mut splats, &view.camera, &target, &step).await?;
     }
     Ok(on.download(&splats).await?)

@@ -95,7 +95,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
             let background = self.render.background_color();
             let pass = self.on.forward(self.splats, camera, &self.render).await?;
             let rendered = self.on.image(&pass).await?;
-            let (target, _) = images::target(self.on, posed.clone(), Some(background), true)?;
+            let (target, _) = images::target(self.on, posed.clone(), background, true)?;
             let loss = self.on.loss(self.splats, pass, &target, loss).await?;
             let maps = maps(&rendered, &posed.over(background)?, mask, &self.request)?;
             let mut view = ViewEvidence { loss, ..ViewEvidence::default() };
@@ -122,7 +122,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
         let Some(Uneven { scene, splats, shown }) = &mut self.uneven else { return Ok(()) };
         let render = self.render.with(|s| s.effects.statistics = Statistics::None);
         let pass = self.on.forward(splats, camera, &render).await?;
-        let (target, _) = images::target(self.on, posed, Some(render.background_color()), true)?;
+        let (target, _) = images::target(self.on, posed, render.background_color(), true)?;
         let (_, gradients) = self.on.backward(splats, pass, &target, loss).await?;
         let gradients = self.on.gradients(splats, &gradients).await?;
         let perspective = Perspective::new(camera, &render);

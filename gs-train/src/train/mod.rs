@@ -28,7 +28,7 @@ pub use self::{
     exposure::{Exposure, ExposureReport},
     poses::{PosesReport, RefinePoses},
     presets::TrainPreset,
-    settings::{StepBackground, TrainSettings},
+    settings::TrainSettings,
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
 };

@@ -14,7 +14,7 @@ use super::{
     depth_loss::DepthLoss,
     exposure::Exposure,
     poses::RefinePoses,
-    settings::{StepBackground, TrainSettings},
+    settings::TrainSettings,
 };
 use crate::run::{Recovery, Rounds};
 use crate::{start::PointInit, views::Resolution};
@@ -168,7 +168,6 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         seed: 0,
         extent: None,
         render,
-        background: StepBackground::Same,
         recovery: Recovery::BeginAgain,
         sh_degree_every: (iterations / 7).clamp(1, 1_000),
         loss: Loss::PAPER,

@@ -16,17 +16,6 @@ use crate::{
 
 gs_core::impl_with!(TrainSettings);
 in_a_file!(TrainSettings);
-/// Background in training steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum StepBackground {
-    /// The background of renderings: [`RenderSettings::background`].
-    #[default]
-    Same,
-    /// A random colour in each step, so that the scene becomes transparent where the images are.
-    Random,
-}
 
 /// Settings of a training in 3D. Runs with equal settings, views, start and backend give equal
 /// results, bit for bit.
@@ -67,8 +56,6 @@ pub struct TrainSettings {
     /// Effects, background and accuracy. Its `effects.sh_degree` is the highest; the policy decides
     /// about its `effects.statistics`.
     pub render: RenderSettings,
-    /// Background in training steps.
-    pub background: StepBackground,
     /// Steps after which the SH degree grows by one, from 0; 0 starts with the highest. Default
     /// 1000 (3DGS).
     pub sh_degree_every: u32,

@@ -5,11 +5,10 @@ use std::{collections::BTreeMap, fmt, sync::OnceLock};
 use bytemuck::cast_slice_mut;
 use gs_core::{
     Added, Camera, Culled, Effects, Gaussian3d, Optimizer, RenderSettings, Scene3d, TrainStep,
-    effects::{Background, Statistics},
+    effects::Statistics,
     metrics::mean,
 };
-use gs_density::{Evidence, EvidenceRequest, Rng};
-use rand::{RngExt, SeedableRng};
+use gs_density::{Evidence, EvidenceRequest};
 use rayon::prelude::*;
 
 use super::{
@@ -18,7 +17,7 @@ use super::{
     evidence::{Gathering, views_of_round},
     exposure::{ExposureReport, Exposures},
     poses::{Poses, PosesReport},
-    settings::{StepBackground, TrainSettings},
+    settings::TrainSettings,
     unseen::unseen,
 };
 use crate::views::{Images, Order, PosedView, STAND_INS, Views, images, possible, reduced_camera};
@@ -27,9 +26,6 @@ use crate::{
     memory::{self, READ_AHEAD},
     run::{At, Clamped, Quality, StepContext, Trainable, TrainingTask},
 };
-
-/// Stream of random numbers for backgrounds.
-const BACKGROUND_STREAM: u64 = 0x6261_636b;
 
 /// Steps whose images are read ahead.
 pub(super) const AHEAD: u32 = READ_AHEAD as u32;
@@ -218,7 +214,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
                 let posed = posed?;
                 let pass = on.forward(splats, &self.views.train[index].camera, &render).await?;
                 let background = render.background_color();
-                let (target, _) = images::target(on, posed.clone(), Some(background), true)?;
+                let (target, _) = images::target(on, posed.clone(), background, true)?;
                 if let Some(pair) = measure(&on.image(&pass).await?, posed, background)? {
                     psnr.push(pair.l1_and_psnr()?.1);
                 }
@@ -235,18 +231,6 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         let camera = &self.views.train[index].camera;
         let factor = possible(camera, factor(settings, step));
         (if factor > 1 { reduced_camera(camera, factor) } else { *camera }, factor)
-    }
-}
-
-/// Render settings of the step after `step` steps, with its background.
-fn background(settings: &TrainSettings, step: u32) -> RenderSettings {
-    match settings.background {
-        StepBackground::Same => settings.render,
-        StepBackground::Random => {
-            let state = (u64::from(settings.seed) << 32 | u64::from(step)) ^ BACKGROUND_STREAM.rotate_left(16);
-            let mut rng = Rng::seed_from_u64(state);
-            settings.render.on(std::array::from_fn(|_| rng.random_range(0.0f32..1.0)))
-        }
     }
 }
 
@@ -317,7 +301,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let index = self.order.view(settings.seed, step, self.views.train.len());
         let (camera, factor) = self.reduced(index, settings, step);
         let view = &self.views.train[index];
-        let mut render = background(settings, step);
+        let mut render = settings.render;
         let background = render.effects.background;
         render.effects = Effects { background, ..effects };
         render.full_depth = full_depth;
@@ -326,14 +310,14 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let rates = settings.rates_at(step, self.extent).times(lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
-        let fixed = (settings.background == StepBackground::Same).then(|| render.background_color());
+        let background = render.background_color();
         let of_depths = (&settings.depth_loss, progress);
         let added = self.depths.gradients((on, &*splats), (view, index, factor), &render, of_depths).await?;
         let added = added.as_ref().map(|(gradients, weight)| Added { gradients, weight: *weight });
         let (map, compact) = (self.exposures.map(index), self.compact);
         let target = self
             .images
-            .get(index, factor, || images::target(on, images::training_image(view, factor, map)?, fixed, compact))?;
+            .get(index, factor, || images::target(on, images::training_image(view, factor, map)?, background, compact))?;
         on.train_step_with(splats, &camera, target, &step, added).await?;
         if render.camera_gradient {
             self.poses.sent(index);
@@ -395,25 +379,5 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
 
 /// Settings for rendering a scene that was trained with these effects.
 pub(crate) fn shown(settings: &TrainSettings, effects: &Effects) -> RenderSettings {
-    let mut render = settings.render.with(|s| s.effects = *effects);
-    if settings.background == StepBackground::Random {
-        render.effects.background = Background::Solid;
-    }
-    render
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn random_backgrounds_differ_from_step_to_step_and_repeat_with_the_seed() {
-        let settings = TrainSettings { background: StepBackground::Random, ..TrainSettings::default() };
-        let colors: Vec<[f32; 3]> = (0..20).map(|step| background(&settings, step).background_color()).collect();
-        assert!(colors.windows(2).all(|pair| pair[0] != pair[1]));
-        assert!(colors.iter().flatten().all(|v| (0.0..1.0).contains(v)));
-        assert_eq!(colors[7], background(&settings, 7).background_color());
-        let same = TrainSettings { background: StepBackground::Same, ..settings };
-        assert_eq!(background(&same, 3), same.render);
-    }
+    settings.render.with(|s| s.effects = *effects)
 }

@@ -79,22 +79,18 @@ pub(crate) fn training_image(view: &PosedView, factor: u32, map: Option<&ColorMa
     Ok(posed)
 }
 
-/// Uploads an image as target, over `background` if there is one, or else with its alpha; also
-/// returns its number of bytes.
+/// Uploads an image over `background` as target; also returns its number of bytes.
 pub(crate) fn target<R: Rasterizer<Scene3d>>(
     on: &R,
     posed: PosedImage,
-    background: Option<[f32; 3]>,
+    background: [f32; 3],
     compact: bool,
 ) -> Result<(R::Target, u64), Error> {
     let mask = posed.mask.clone();
-    let (image, alpha) = match background {
-        Some(background) => (posed.over(background)?, None),
-        None => (posed.image, posed.alpha),
-    };
-    let target = TargetImage { alpha: alpha.as_deref(), mask: mask.as_deref(), compact, ..TargetImage::from(&image) };
+    let image = posed.over(background)?;
+    let target = TargetImage { mask: mask.as_deref(), compact, ..TargetImage::from(&image) };
     let float = size_of::<f32>() as u64;
-    let coverage = if alpha.is_none() && mask.is_none() { 0 } else { float };
+    let coverage = if mask.is_none() { 0 } else { float };
     let bytes = coverage + if compact && target.is_8_bit() { 4 } else { 3 * float };
     Ok((on.upload_target(target)?, bytes * image.pixels().len() as u64))
 }

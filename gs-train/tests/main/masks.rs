@@ -6,12 +6,12 @@ use crate::{
     fixture_3d::{changed, rasterizer, render, short, thirty, views},
     train::trained,
 };
-use gs_core::{Image, Scene, constants::SH_C0, sigmoid};
+use gs_core::Image;
 use gs_density::Policy;
 use gs_io::dataset::PosedImage;
 use gs_train::{
     Error, Trainer3d,
-    train::{Start, StepBackground, evaluate},
+    train::{Start, evaluate},
 };
 use pollster::FutureExt as _;
 
@@ -59,32 +59,6 @@ fn the_loss_of_a_masked_step_is_reported_in_its_place() {
     for (step, (plain, masked)) in plain.iter().zip(&masked).enumerate() {
         assert!((plain - masked).abs() < 1e-3 * plain, "step {step}: a mask that hides nothing: {plain}, {masked}");
     }
-}
-
-#[test]
-fn random_backgrounds_make_what_is_transparent_so() {
-    let rasterizer = rasterizer();
-    // An image of nothing at all, stored as black glass.
-    let glass = || {
-        changed(views(&rasterizer), |_, posed| {
-            let alpha = Some(vec![0.0; posed.image.pixels().len()]);
-            PosedImage { image: Image::filled(48, 40, [0.0; 3]).unwrap(), alpha, mask: None }
-        })
-    };
-    let opacity = |background| {
-        let settings = short(60).with(|s| {
-            s.background = background;
-            s.policy = Policy::None;
-        });
-        let mut black = thirty();
-        black.sh.fill(glam::Vec3::splat(-0.5 / SH_C0));
-        let (scene, _) = trained(settings, glass(), Start::Scene(black));
-        scene.opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / scene.len() as f32
-    };
-    let before = thirty().opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / 30.0;
-    let (random, black) = (opacity(StepBackground::Random), opacity(StepBackground::Same));
-    assert!(black > 0.95 * before, "{black}: on black, black Gaussians do no harm");
-    assert!(random < 0.8 * before, "{random}, not {before}");
 }
 
 #[test]

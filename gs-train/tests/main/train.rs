@@ -15,7 +15,7 @@ use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
     limits::Speed,
     train::{
-        DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Start, StepBackground, TrainSummary, Views,
+        DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Start, TrainSummary, Views,
         evaluate,
     },
 };
@@ -106,10 +106,7 @@ fn the_true_scene_is_perfect_and_stays_so() {
 fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
     let rasterizer = rasterizer();
     let run = |seed: u32, observer: &mut dyn Observer| {
-        let settings = short(60).with(|s| {
-            s.seed = seed;
-            s.background = StepBackground::Random;
-        });
+        let settings = short(60).with(|s| s.seed = seed);
         let mut trainer =
             Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings).block_on().unwrap();
         trainer.run(observer).block_on().unwrap();
@@ -149,7 +146,6 @@ fn a_resumed_training_ends_bit_identical() {
         settings.exposure = exposure;
         settings.dropout = 0.2;
         settings.average_last = 0.5;
-        settings.background = StepBackground::Random;
         settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
         let first = rasterizer();
         let mut whole =

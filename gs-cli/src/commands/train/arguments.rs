@@ -18,7 +18,7 @@ use crate::{
     flags::{
         dataset::DatasetArgs,
         render_args::DEPTH_ORDERS,
-        values::{TrainBackground, by_name, bytes, minutes, one_of, whole},
+        values::{Color, by_name, bytes, minutes, one_of, whole},
     },
     memory,
     training::arguments::{RunArgs, policy_by_name},
@@ -151,10 +151,9 @@ pub(crate) struct TrainSettingsArgs {
     /// quick, that of the scene with --start SCENE, otherwise dilate]
     #[arg(long, value_parser = by_name::<Antialias>(), value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<Antialias>,
-    /// Background: black, white, random (another colour in each step), or R,G,B [default: white for
-    /// Blender, otherwise black]
+    /// Background: black, white, or R,G,B, each from 0 to 1 [default: white for Blender, otherwise black]
     #[arg(long, value_name = "COLOUR")]
-    pub(crate) background: Option<TrainBackground>,
+    pub(crate) background: Option<Color>,
     /// Train with images of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
     #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,

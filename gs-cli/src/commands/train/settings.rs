@@ -7,14 +7,13 @@ use gs_core::{Choice as _, counted, effects::Antialias};
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     TrainPreset, TrainSettings,
-    train::{Resolution, Start, StartName, StepBackground},
+    train::{Resolution, Start, StartName},
 };
 
 use super::arguments::TrainSettingsArgs;
 use crate::{
     failure::Failure,
     files::{scene, text_file::read_settings_text},
-    flags::values::TrainBackground,
 };
 
 /// The settings that the flags ask for, for this data set.
@@ -51,13 +50,8 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);
     effects.order = args.order.unwrap_or(effects.order);
     effects.antialias = args.antialias.unwrap_or(effects.antialias);
-    match args.background {
-        None => {}
-        Some(TrainBackground::Random) => settings.background = StepBackground::Random,
-        Some(TrainBackground::Solid(color)) => {
-            settings.background = StepBackground::Same;
-            settings = settings.on(color.0);
-        }
+    if let Some(color) = args.background {
+        settings = settings.on(color.0);
     }
     if let Some(from) = args.coarse {
         settings.resolution = Resolution::from_coarse(from);

@@ -56,7 +56,7 @@ impl Small {
     pub(super) fn settings(&self, of_run: &TrainSettings, steps: u32) -> TrainSettings {
         TrainPreset::Quick.settings(Some(steps)).with_gaussians(MOST_GAUSSIANS as u32).with(|s| {
             (s.seed, s.extent) = (of_run.seed, of_run.extent);
-            (s.background, s.render) = (of_run.background, of_run.render);
+            s.render = of_run.render;
             s.render.effects.sh_degree = 0;
             s.policy = Policy::None;
             s.resolution = Resolution::Full;

@@ -9,7 +9,7 @@ use gs_density::Policy;
 use gs_io::dataset::PosedImage;
 use gs_train::{
     FitSettings, Rounds, Trainer,
-    train::{PosedView, Start, StepBackground, TrainSettings, Trainer3d, Views},
+    train::{PosedView, Start, TrainSettings, Trainer3d, Views},
 };
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use pollster::FutureExt as _;
@@ -120,7 +120,6 @@ fn a_training_step_moves_few_bytes_with_any_policy_or_mask() {
             continue;
         }
         for masked in [false, true] {
-            settings.background = if masked { StepBackground::Random } else { StepBackground::default() };
             let [little, much] = SIZES.map(|sizes| of_training(&wgpu, &settings, masked, sizes));
             assert_eq!(little, much, "{name}, masked: {masked}");
             assert!((1..=MOST_BYTES).contains(&little), "{name}, masked: {masked}: {little} bytes");
