@@ -298,5 +298,4 @@ mod tests {
         std::fs::write(folder.path().join("scene.ply"), "").unwrap();
         assert_eq!(readable_in(folder.path()), Some(folder.path().join("scene.ply")));
     }
-
 }

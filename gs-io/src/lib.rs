@@ -71,9 +71,9 @@ pub use crate::{
         File2d, GSI_EXTENSION, GsiFile, SCENE_EXTENSION, decode_gsi, encode_2d, is_gsi, read_2d, read_gsi, write_2d,
     },
     scene3d::{
-        ConversionLoss, Coordinates, Encoded3d, File3d, FilesInMemory, Format3d, LevelsInMemory, Parts3d, Rounding,
-        SpzVersion, StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene,
-        read_3d, transform_scene, write_3d, write_parts_3d, writes_parts_3d,
+        ConversionLoss, Coordinates, Encoded3d, File3d, FilesInMemory, Format3d, LevelsInMemory, Parts3d, SpzVersion,
+        StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
+        transform_scene, write_3d, write_parts_3d, writes_parts_3d,
     },
     text::{percent_decoded, utf8_text},
     world_frame::WorldFrame,

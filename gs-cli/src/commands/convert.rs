@@ -14,8 +14,8 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{
-    AnyScene, ConversionLoss, Coordinates, File3d, Format3d, Rounding, SCENE_EXTENSION, SceneFile, SpzVersion,
-    TrainedWith, Values, WorldFrame, WriteOptions3d, dataset::Dataset,
+    AnyScene, ConversionLoss, Coordinates, File3d, Format3d, SCENE_EXTENSION, SceneFile, SpzVersion, TrainedWith,
+    Values, WorldFrame, WriteOptions3d, dataset::Dataset,
 };
 use serde::Serialize;
 
@@ -83,8 +83,6 @@ struct Conversion {
     reduction: Option<Reduction>,
     /// What the written file lacks, in words.
     lost: Vec<String>,
-    /// How much the numbers have changed.
-    rounding: Vec<Rounding>,
 }
 
 #[derive(Debug, Serialize)]
@@ -152,17 +150,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         gs_io::Error::InTheWay { .. } => Failure::failed(error).hint("write into another folder"),
         error => Failure::of_scene(error),
     })?;
-    // A streamed SOG is for scenes of which memory may not hold a second copy.
-    let is_compared = written.format != Format3d::StreamedSog;
-    let mut after = is_compared.then(|| gs_io::read_3d(&args.to)).transpose().map_err(Failure::of_scene)?;
-    // A format without a frame was read in the coordinates of the world.
-    if let Some(after) = after.as_mut().filter(|_| args.frame == Coordinates::World) {
-        after.move_to(options.trained_with.frame);
-    }
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
-    let sorted = written.order.map(|order| in_order(scene, &order));
-    let before_rounding = sorted.as_ref().unwrap_or(scene);
     let frame = if args.frame == Coordinates::World { WorldFrame::WORLD } else { file.trained_with.frame };
     let conversion = Conversion {
         read: Side::new(&path, file.format, file.bytes, all),
@@ -174,7 +163,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         beyond_format,
         reduction,
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-        rounding: after.iter().flat_map(|after| Rounding::between(before_rounding, &after.scene)).collect(),
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }
@@ -183,17 +171,12 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
 fn drop_beyond_format(scene: &mut Scene3d, to: &Path, options: &WriteOptions3d) -> usize {
     let beyond = Format3d::to_write(to).map_or_else(Vec::new, |format| format.cannot_hold(scene, options));
     if !beyond.is_empty() {
-        let others = (0..scene.len() as u32).filter(|i| beyond.binary_search(&(*i as usize)).is_err());
-        *scene = in_order(scene, &others.collect::<Vec<_>>());
+        let mut others = Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
+        let held = (0..scene.len()).filter(|i| beyond.binary_search(i).is_err());
+        held.for_each(|i| others.push(scene.gaussian(i)));
+        *scene = others;
     }
     beyond.len()
-}
-
-/// The Gaussians of these numbers.
-fn in_order(scene: &Scene3d, order: &[u32]) -> Scene3d {
-    let mut sorted = Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
-    order.iter().for_each(|&i| sorted.push(scene.gaussian(i as usize)));
-    sorted
 }
 
 /// How the file is written.
@@ -212,8 +195,7 @@ fn none_is_left(all: usize, to: &Path) -> Failure {
 }
 
 fn text(conversion: &Conversion) -> String {
-    let Conversion { read, written, gaussians, sh_degree, frame, dropped, beyond_format, reduction, lost, rounding } =
-        conversion;
+    let Conversion { read, written, gaussians, sh_degree, frame, dropped, beyond_format, reduction, lost } = conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
     };
@@ -227,10 +209,9 @@ fn text(conversion: &Conversion) -> String {
     }
     reduction.iter().for_each(|reduction| _ = writeln!(text, "reduced     {reduction}"));
     let _ = write!(text, "wrote       {}", side(written));
-    if lost.is_empty() && rounding.is_empty() {
+    if lost.is_empty() {
         text += "\nlost        nothing";
     }
     lost.iter().for_each(|loss| _ = write!(text, "\nlost        {loss}"));
-    rounding.iter().for_each(|rounding| _ = write!(text, "\nmoved       {rounding}"));
     text
 }

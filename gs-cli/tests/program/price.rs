@@ -185,7 +185,9 @@ fn a_frontier_is_printed_and_written_and_render_takes_its_settings() {
     let scene = fitted(place.path());
     let output = place.path().join("out");
     let run = gs(frontier(&scene, &["-o", text(&output)])).done();
-    for expected in ["40 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "a rendering without cut-offs"] {
+    for expected in
+        ["40 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "a rendering without cut-offs"]
+    {
         assert!(run.stdout.contains(expected), "{expected}: {}", run.stdout);
     }
     assert_eq!(names_in(&output), ["frontier.json", "frontier.svg"]);

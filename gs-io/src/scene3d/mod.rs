@@ -54,7 +54,6 @@ pub use self::{
     source::FilesInMemory,
     streamed::{LevelsInMemory, StreamedSog},
     trained_with::TrainedWith,
-    values::Rounding,
     whole::{decode_3d, encode_3d},
 };
 use self::{

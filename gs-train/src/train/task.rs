@@ -4,8 +4,7 @@ use std::{collections::BTreeMap, fmt, sync::OnceLock};
 
 use bytemuck::cast_slice_mut;
 use gs_core::{
-    Added, Camera, Culled, Effects, Gaussian3d, Optimizer, RenderSettings, Scene3d, TrainStep,
-    effects::Statistics,
+    Added, Camera, Culled, Effects, Gaussian3d, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Statistics,
     metrics::mean,
 };
 use gs_density::{Evidence, EvidenceRequest};
@@ -315,9 +314,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let added = self.depths.gradients((on, &*splats), (view, index, factor), &render, of_depths).await?;
         let added = added.as_ref().map(|(gradients, weight)| Added { gradients, weight: *weight });
         let (map, compact) = (self.exposures.map(index), self.compact);
-        let target = self
-            .images
-            .get(index, factor, || images::target(on, images::training_image(view, factor, map)?, background, compact))?;
+        let target = self.images.get(index, factor, || {
+            images::target(on, images::training_image(view, factor, map)?, background, compact)
+        })?;
         on.train_step_with(splats, &camera, target, &step, added).await?;
         if render.camera_gradient {
             self.poses.sent(index);

@@ -14,10 +14,7 @@ use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
     limits::Speed,
-    train::{
-        DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Start, TrainSummary, Views,
-        evaluate,
-    },
+    train::{DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Start, TrainSummary, Views, evaluate},
 };
 use pollster::FutureExt as _;
 

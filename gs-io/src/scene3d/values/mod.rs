@@ -1,16 +1,14 @@
 //! The values of Gaussians as files have them: scales and opacities in other forms, degrees of
-//! spherical harmonics, unit quaternions, other axes, and what rounding did to them.
+//! spherical harmonics, unit quaternions, other axes.
 
 mod flips;
 mod number;
 mod quantity;
-mod rounding;
 mod sh_degree;
 mod sh_rotation;
 mod transform;
 mod unit;
 
-pub use self::rounding::Rounding;
 pub(crate) use self::{
     flips::Flips,
     number::Number,

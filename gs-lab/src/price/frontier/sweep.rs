@@ -195,12 +195,7 @@ pub(super) fn search<V>(
     let noise = sweep.bases().into_iter().map(|base| judge(&sweep.candidates[base].backend, &mut rows)).collect();
     let place = |row: &Measured| sweep.candidates.iter().position(|candidate| candidate.backend == row.backend);
     rows.sort_by(|a, b| place(a).cmp(&place(b)).then(a.median().total_cmp(&b.median())));
-    Ok(Frontier {
-        rows,
-        refused,
-        noise,
-        views: views.len(),
-    })
+    Ok(Frontier { rows, refused, noise, views: views.len() })
 }
 
 fn noise_of<'r>(rows: impl Iterator<Item = &'r Measured> + Clone) -> Noise {
