@@ -1,9 +1,9 @@
 //! Any of the backends behind one type.
 
 use gs_core::{
-    AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
-    Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState,
-    TargetImage, TrainStep, Wait,
+    AdamRates, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState, TargetImage,
+    TrainStep, Wait,
     profile::{Profile, Profiler},
 };
 
@@ -233,22 +233,15 @@ macro_rules! for_scene {
         }
 
         impl Optimizer<$scene> for AnyRasterizer {
-            async fn train_step_with(
+            async fn train_step(
                 &self,
                 splats: &mut Self::Splats,
                 view: &<$scene as Scene>::View,
                 target: &Self::Target,
                 step: &TrainStep<'_>,
-                added: Option<Added<'_, Self::Gradients>>,
             ) -> Result<(), Error> {
-                let Some(Added { gradients, weight }) = added else {
-                    return on!(self as on, splats, target => {
-                        Optimizer::<$scene>::train_step(on, splats, view, target, step).await
-                    });
-                };
-                on!(self as on, splats, target, gradients => {
-                    let added = Some(Added { gradients, weight });
-                    Optimizer::<$scene>::train_step_with(on, splats, view, target, step, added).await
+                on!(self as on, splats, target => {
+                    Optimizer::<$scene>::train_step(on, splats, view, target, step).await
                 })
             }
 

@@ -34,7 +34,7 @@ pub use crate::{
     effects::{Blend, Effects},
     error::Error,
     image::{Image, TargetImage, check_same_size, check_size, rounded_to_8_bits, to_8_bits},
-    rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
+    rasterizer::{Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{
         Bounds, Gaussian2d, Gaussian3d, LodCut, LodLevel, LodNode, Region, Scene, Scene2d, Scene3d, check_len, logit,
         sigmoid,

@@ -85,16 +85,6 @@ pub struct TrainStep<'a> {
     pub binning: Binning,
 }
 
-/// Gradients of a further loss, for [`Optimizer::train_step_with`]: of splats of the same number, by
-/// a backward pass of any view.
-#[derive(Debug, Clone, Copy)]
-pub struct Added<'a, G> {
-    /// The gradients.
-    pub gradients: &'a G,
-    /// The weight of that loss.
-    pub weight: f32,
-}
-
 /// The losses that [`Optimizer::losses`] returns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wait {
@@ -292,26 +282,6 @@ pub trait Optimizer<S: Scene>: Rasterizer<S> {
         view: &S::View,
         target: &Self::Target,
         step: &TrainStep<'_>,
-    ) -> impl Future<Output = Result<(), Error>> {
-        async { self.train_step_with(splats, view, target, step, None).await }
-    }
-
-    /// [`Self::train_step`] along the gradients of the step's loss plus those of a further loss.
-    ///
-    /// Only Gaussians in the lists of the step's own view receive the added gradients. The loss
-    /// that is reported, and the statistics, are of the step alone. Backends may refuse added
-    /// gradients of a kind of scene.
-    ///
-    /// # Errors
-    /// Those of [`Self::train_step`]; [`Error::State`] where added gradients and splats differ in
-    /// length, and [`Error::Unsupported`].
-    fn train_step_with(
-        &self,
-        splats: &mut Self::Splats,
-        view: &S::View,
-        target: &Self::Target,
-        step: &TrainStep<'_>,
-        added: Option<Added<'_, Self::Gradients>>,
     ) -> impl Future<Output = Result<(), Error>>;
 
     /// Appends to `losses` the loss before each training step of these splats since the last call,

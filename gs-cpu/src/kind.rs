@@ -104,16 +104,6 @@ pub trait Kind: Scene + 'static {
     /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
     fn project_bwd(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats, level: Level, scale: f32);
 
-    /// Adds `weight` times other gradients of `project_bwd`, of as many Gaussians, to those of the
-    /// Gaussians that some tile lists in both.
-    fn add_gradients(
-        _workspace: &mut Workspace<Self::Buffers>,
-        _added: &Workspace<Self::Buffers>,
-        _weight: f32,
-    ) -> Result<(), Error> {
-        Err(unsupported("added gradients of 2D scenes"))
-    }
-
     /// The gradients of `project_bwd` as a scene of derivatives.
     fn derivatives(workspace: &Workspace<Self::Buffers>, splats: &Self::Splats) -> Self;
 

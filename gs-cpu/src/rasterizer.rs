@@ -7,9 +7,9 @@ mod tests;
 use std::{fmt, sync::PoisonError};
 
 use gs_core::{
-    AdamRates, Added, Backend, Binning, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss,
-    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, SplatsState, TargetImage,
-    TrainStep, Wait, check_same_size, counted,
+    AdamRates, Backend, Binning, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
+    Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, SplatsState, TargetImage, TrainStep, Wait,
+    check_same_size, counted,
 };
 
 use crate::{
@@ -237,22 +237,18 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
 }
 
 impl<S: Kind> Optimizer<S> for CpuRasterizer {
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut S::Splats,
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, Gradients<S>>>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_loss(step.loss)?;
         target.check_size(S::size(view))?;
-        if let Some(Added { gradients, .. }) = &added {
-            check_len::<S>(gradients, splats)?;
-        }
         let Resources { pool, bias } = S::resources(&self.resources);
         let mut workspace = splats.shared_mut().workspace.take().unwrap_or_else(|| pool.take());
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
@@ -269,14 +265,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
                 tiles.blend_bwd(self.level)?;
                 (value, 1.0)
             };
-            match added {
-                None => S::update(splats, bias, step.rates, self.level, &mut workspace, scale),
-                Some(Added { gradients, weight }) => {
-                    S::project_bwd(&mut workspace, splats, self.level, scale);
-                    S::add_gradients(&mut workspace, gradients.workspace(), weight)?;
-                    S::adam(splats, bias, step.rates, self.level, &workspace);
-                }
-            }
+            S::update(splats, bias, step.rates, self.level, &mut workspace, scale);
             Ok::<f64, Error>(value)
         })?;
         let by_camera = S::camera_gradient(&workspace);

@@ -37,9 +37,6 @@ const GAUSSIAN_3D: u64 = 750;
 /// A further parameter of a 3D Gaussian, with its moments and the host's copy in a round.
 const PARAMETER_3D: u64 = 16;
 
-/// What a 3D Gaussian's pass for depths takes: its projection, gradient, and usual entries.
-const DEPTH_GAUSSIAN: u64 = 450;
-
 /// Memory for reading an image of this size, the image included, bytes.
 pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)
@@ -90,7 +87,7 @@ impl FitSettings {
 
 impl TrainSettings {
     /// Peak memory of training this many Gaussians from views of these sizes, whose images and targets
-    /// are kept up to `keep_bytes`, bytes. Depth maps in the loss add [`Self::depth_bytes`].
+    /// are kept up to `keep_bytes`, bytes.
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
         let (mut all, mut largest, mut count) = (0, 0, 0);
         for (width, height) in views {
@@ -130,19 +127,6 @@ impl TrainSettings {
             Some(request.bytes_per_gaussian(views) + copies)
         };
         (1..=self.iterations).filter_map(of_round).max().unwrap_or_default()
-    }
-
-    /// Memory that depth maps of views of these sizes add to training this many Gaussians, bytes.
-    pub fn depth_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, gaussians: u64) -> u64 {
-        let (mut all, mut largest) = (0, 0);
-        for (width, height) in views {
-            all += pixels(width, height);
-            largest = largest.max(pixels(width, height));
-        }
-        // Targets and renderings have a quarter of the pixels. The gradients of the step are written
-        // to memory beside those of the depths.
-        let numbers = 3 * (u64::from(self.render.effects.sh_degree) + 1).pow(2);
-        all * (IMAGE + PLANE) / 4 + 2 * largest * IMAGE + gaussians * (DEPTH_GAUSSIAN + numbers * PLANE)
     }
 }
 

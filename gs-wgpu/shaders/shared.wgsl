@@ -41,13 +41,12 @@ struct Step {
     compensates: u32,
     // What 3D Gaussians show: 0 for colours, 1 for inverse depths, 2 for alpha.
     output: u32,
-    // Weight of added gradients.
-    added_weight: f32,
     // 3D scenes: the share of Gaussians that is left out, times 2²⁴, and the seed that selects them.
     dropout_threshold: u32,
     dropout_seed: u32,
     // Number of Gaussians, the first, that Adam and edits leave as they are.
     fixed: u32,
+    unused: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
     // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
     // per number.

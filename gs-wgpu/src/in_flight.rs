@@ -46,19 +46,12 @@ pub(crate) struct Request<S: Kind> {
     loss: Loss,
     rates: AdamRates,
     binning: Binning,
-    /// The gradients of a further loss, and its weight.
-    added: Option<(Vec<wgpu::Buffer>, f32)>,
     /// Noise that is added to the means after the step.
     noise: Vec<MeanNoise>,
 }
 
 impl<S: Kind> Request<S> {
-    pub(crate) fn new(
-        view: &S::View,
-        target: &Target,
-        step: &TrainStep<'_>,
-        added: Option<(Vec<wgpu::Buffer>, f32)>,
-    ) -> Self {
+    pub(crate) fn new(view: &S::View, target: &Target, step: &TrainStep<'_>) -> Self {
         Self {
             view: view.clone(),
             target: target.clone(),
@@ -66,7 +59,6 @@ impl<S: Kind> Request<S> {
             loss: step.loss,
             rates: *step.rates,
             binning: step.binning,
-            added,
             noise: Vec::new(),
         }
     }
@@ -280,16 +272,12 @@ impl<S: Kind> InFlight<S> {
         let buffer = || gpu.allocate("status to read", STATUS_BYTES, usage);
         let status = self.free.pop().map_or_else(buffer, Ok)?;
         // The queue orders this write after the earlier steps, so each step has its own uniform.
-        let mut step = workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates));
-        step.added_weight = request.added.as_ref().map_or(0.0, |(_, weight)| *weight);
+        let step = workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates));
         workspace.write_step(gpu, &step);
         let mut commands = Commands::new(gpu);
         workspace.encode_lists(gpu, &mut commands, splats, fresh);
         workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;
         workspace.encode_project_bwd(gpu, &mut commands, splats)?;
-        if let Some((added, _)) = &request.added {
-            S::encode_add(workspace, gpu, &mut commands, added)?;
-        }
         workspace.encode_adam(gpu, &mut commands, splats);
         workspace.tiles.encode_status(&mut commands, &status);
         let submission = commands.submit(gpu);

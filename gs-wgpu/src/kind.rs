@@ -114,17 +114,6 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     /// Records stage `project_bwd`.
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>);
 
-    /// Records the addition of a further loss's gradients, times the weight in the uniform, to those
-    /// of `project_bwd`.
-    fn encode_add(
-        _workspace: &Workspace<Self>,
-        _gpu: &Gpu,
-        _commands: &mut Commands,
-        _added: &[wgpu::Buffer],
-    ) -> Result<(), Error> {
-        Err(unsupported("added gradients of 2D scenes"))
-    }
-
     /// Records stage `adam`. With `indirect`, the device sets the sizes of its dispatches, 0 to
     /// skip it.
     fn encode_adam(

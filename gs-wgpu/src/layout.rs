@@ -221,13 +221,12 @@ pub struct Step {
     pub(crate) compensates: u32,
     /// What 3D Gaussians show: 0 for colours, 1 for inverse depths, 2 for alpha.
     pub(crate) output: u32,
-    /// Weight of added gradients.
-    pub(crate) added_weight: f32,
     /// The share of 3D Gaussians that is left out, times 2²⁴, and the seed that selects them.
     pub(crate) dropout_threshold: u32,
     pub(crate) dropout_seed: u32,
     /// The first Gaussians, which do not change.
     pub(crate) fixed: u32,
+    pub(crate) unused: u32,
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -357,10 +356,10 @@ mod tests {
                 dilation,
                 compensates,
                 output,
-                added_weight,
                 dropout_threshold,
                 dropout_seed,
                 fixed,
+                unused,
                 rates,
                 decays,
             }

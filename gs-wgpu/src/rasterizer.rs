@@ -3,9 +3,8 @@
 use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
 
 use gs_core::{
-    AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
-    Optimizer, Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait,
-    check_same_size,
+    AdamRates, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait, check_same_size,
 };
 
 use crate::{
@@ -232,26 +231,21 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
 }
 
 impl<S: Kind> Optimizer<S> for WgpuRasterizer {
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut Splats<S>,
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, Gradients<S>>>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         target.check_loss(step.loss)?;
         step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
-        if let Some(Added { gradients, .. }) = &added {
-            gradients.check_len(splats)?;
-        }
         S::prepare(&self.gpu, splats, Some(step.rates)).await?;
-        let added = added.map(|added| (added.gradients.buffers.clone(), added.weight));
         let mut in_flight = splats.in_flight().await;
-        in_flight.train(&self.gpu, S::pool(&self.pools), splats, Request::new(view, target, step, added)).await
+        in_flight.train(&self.gpu, S::pool(&self.pools), splats, Request::new(view, target, step)).await
     }
 
     async fn losses(&self, splats: &mut Splats<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {

@@ -149,7 +149,6 @@ shaders! {
     "scene3d/project_bwd": ["project_bwd_3d"],
     "scene3d/camera_gradient": ["camera_gradient_3d"],
     "scene2d/adam": ["adam"],
-    "scene3d/add": ["add_gradients_3d"],
     "scene3d/adam": ["adam_3d"],
     "scene3d/adam_color": ["adam_color_3d"],
     "scene2d/noise": ["add_noise"],

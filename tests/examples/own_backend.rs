@@ -6,7 +6,7 @@
 
 use gs_conformance::{Failure, conformance::conformance};
 use gs_core::{
-    AdamRates, Added, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
+    AdamRates, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
     Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
@@ -89,17 +89,16 @@ impl Rasterizer<Scene2d> for Mine {
     }
 }
 
-/// Training. `train_step` and `saved` have defaults.
+/// Training. `saved` has a default.
 impl Optimizer<Scene2d> for Mine {
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, Self::Gradients>>,
     ) -> Result<(), Error> {
-        self.0.for_2d().train_step_with(splats, view, target, step, added).await
+        self.0.for_2d().train_step(splats, view, target, step).await
     }
 
     async fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {

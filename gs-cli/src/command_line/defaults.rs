@@ -35,7 +35,6 @@ pub(crate) fn of_train(flag: Arg) -> Arg {
         "coarse" => |s| s.resolution.factor(0.0).to_string(),
         "exposure" => |s| s.exposure.to_string(),
         "refine_poses" => |s| s.refine_poses.to_string(),
-        "depth_weight" => |s| s.depth_loss.weight.to_string(),
         "participants" => |s| s.adam.participants.to_string(),
         "seed" => |s| s.seed.to_string(),
         _ => return flag,

@@ -4,7 +4,6 @@ use gs_core::{
     AdamRates, Binning, Blend, Camera, CameraGradient, Error, Output, RenderSettings, Scene3d, effects::Order,
     math::perspective::Ellipsoid,
 };
-use rayon::prelude::*;
 
 use super::{
     adam,
@@ -17,7 +16,6 @@ use crate::{
     bias::BiasTable,
     kind::{AllResources, Kind, Resources},
     level::Level,
-    splat::CHUNK,
     stage::Stage,
     unsupported::BACKEND,
     workspace::Workspace,
@@ -97,22 +95,6 @@ impl Kind for Scene3d {
 
     fn project_bwd(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level: Level, scale: f32) {
         project_bwd::all(workspace, splats, level, scale);
-    }
-
-    fn add_gradients(
-        workspace: &mut Workspace<Buffers3d>,
-        added: &Workspace<Buffers3d>,
-        weight: f32,
-    ) -> Result<(), Error> {
-        let mut gradients = std::mem::take(&mut workspace.buffers.gradients);
-        let rows = gradients.par_chunks_mut(workspace.buffers.gradient_pitch()).enumerate().with_min_len(CHUNK);
-        rows.for_each(|(index, row)| {
-            if workspace.tiles.lists(index) && added.tiles.lists(index) {
-                row.iter_mut().zip(added.buffers.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
-            }
-        });
-        workspace.buffers.gradients = gradients;
-        Ok(())
     }
 
     fn derivatives(workspace: &Workspace<Buffers3d>, splats: &Splats3d) -> Self {

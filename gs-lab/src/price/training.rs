@@ -1,5 +1,4 @@
-//! The cost and the gain of the corrections that only a training has: those of exposure, of depths by
-//! depth maps, and of poses.
+//! The cost and the gain of the corrections that only a training has: those of exposure and of poses.
 
 use std::fmt;
 
@@ -8,7 +7,7 @@ use gs_core::{Optimizer, RenderSettings, Scene, Scene3d, counted};
 use gs_density::Policy;
 use gs_train::{
     TrainPreset, TrainSettings, Trainer3d,
-    train::{DepthLoss, Exposure, RefinePoses, Start, Views},
+    train::{Exposure, RefinePoses, Start, Views},
 };
 use serde::Serialize;
 
@@ -41,8 +40,6 @@ gs_core::choices! {
     pub(super) enum TrainingEffect {
         /// A colour map for each training view: [`Exposure::Affine`].
         Exposure = "exposure",
-        /// Depth maps in the loss: [`gs_train::train::DepthLoss`].
-        DepthMaps = "depth-maps",
         /// Cameras that move along with the scene: [`RefinePoses::On`].
         Poses = "poses",
     }
@@ -64,18 +61,14 @@ pub(super) struct TrainingOutcome {
 }
 
 impl TrainingEffect {
-    /// Whether views allow this effect in so many steps: at least two views, one with a depth map, or cameras
-    /// of their own and enough steps for each.
-    fn is_possible(self, views: &Views, steps: u32) -> Result<bool, Error> {
+    /// Whether views allow this effect in so many steps: at least two views, or cameras of their own and
+    /// enough steps for each.
+    fn is_possible(self, views: &Views, steps: u32) -> bool {
         match self {
-            Self::Exposure => Ok(views.train.len() > 1),
-            Self::DepthMaps => {
-                let maps = views.train.iter().map(|view| view.source.depth());
-                Ok(maps.collect::<Result<Vec<_>, _>>()?.iter().any(Option::is_some))
-            }
+            Self::Exposure => views.train.len() > 1,
             Self::Poses => {
                 let is_shared = views.train.iter().any(|view| view.source.is_face());
-                Ok(!is_shared && steps >= RefinePoses::least_steps(views.train.len()))
+                !is_shared && steps >= RefinePoses::least_steps(views.train.len())
             }
         }
     }
@@ -83,7 +76,6 @@ impl TrainingEffect {
     fn off(self, settings: &mut TrainSettings) {
         match self {
             Self::Exposure => settings.exposure = Exposure::Off,
-            Self::DepthMaps => settings.depth_loss.weight = 0.0,
             Self::Poses => settings.refine_poses = RefinePoses::Off,
         }
     }
@@ -93,7 +85,7 @@ impl TrainingEffect {
 /// and without each of them. The number of Gaussians stays. `render` draws the scene.
 ///
 /// # Errors
-/// Those of training and of reading an image or a depth map.
+/// Those of training and of reading an image.
 pub fn training_prices<R: Optimizer<Scene3d>>(
     on: &R,
     scene: &Scene3d,
@@ -109,12 +101,11 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         s.render.effects.sh_degree = scene.sh_degree;
         s.sh_degree_every = 0;
         s.exposure = Exposure::Affine;
-        s.depth_loss.weight = DepthLoss::USUAL_WEIGHT;
         s.refine_poses = RefinePoses::On;
     });
     let mut effects = Vec::new();
     for effect in TrainingEffect::ALL {
-        match effect.is_possible(&first, steps)? {
+        match effect.is_possible(&first, steps) {
             true => effects.push(effect),
             false => effect.off(&mut settings),
         }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     error::Error,
     run::Recovery,
-    train::{DepthLoss, Exposure, RefinePoses, TrainSettings, Views, extent_of, shown},
+    train::{Exposure, RefinePoses, TrainSettings, Views, extent_of, shown},
     views::{ColorMap, possible, reduced_camera},
 };
 
@@ -243,7 +243,6 @@ impl BlocksPlan {
         settings.remove_unseen = false;
         settings.exposure = Exposure::Off;
         settings.refine_poses = RefinePoses::Off;
-        settings.depth_loss = DepthLoss::default();
         settings
     }
 

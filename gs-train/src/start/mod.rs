@@ -8,7 +8,7 @@ mod neighbours;
 mod start_name;
 mod sweep;
 
-pub(crate) use self::{init::is_zero, sweep::searched_camera};
+pub(crate) use self::init::is_zero;
 pub use self::{
     init::{PointInit, Start},
     start_name::StartName,

@@ -130,11 +130,6 @@ fn searched_factor(camera: &Camera) -> u32 {
     possible(camera, camera.width.max(camera.height).div_ceil(SIDE))
 }
 
-/// The camera of a view as it is searched.
-pub(crate) fn searched_camera(camera: &Camera) -> Camera {
-    reduced_camera(camera, searched_factor(camera))
-}
-
 /// A view as it is searched.
 pub(crate) struct SearchedImage {
     pub(crate) camera: Camera,

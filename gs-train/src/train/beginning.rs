@@ -5,7 +5,6 @@ use gs_io::dataset::AlphaMeaning;
 use web_time::Instant;
 
 use super::{
-    depth_loss::Guides,
     exposure::{Exposure, Exposures},
     poses::{Poses, RefinePoses},
     settings::TrainSettings,
@@ -78,7 +77,7 @@ impl Beginning {
     /// Hands the scene to a backend. Its views are where these poses have them.
     ///
     /// # Errors
-    /// Those of the backend, and of reading a depth map.
+    /// Those of the backend.
     pub(super) fn trainer<R: Optimizer<Scene3d>>(
         self,
         rasterizer: &R,
@@ -86,12 +85,8 @@ impl Beginning {
     ) -> Result<Trainer<'_, R, Scene3d>, Error> {
         let Self { views, scene, extent, settings, images, started } = self;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let guides = match settings.depth_loss.is_off() {
-            true => Guides::default(),
-            false => Guides::of(&views.train, &scene.means)?,
-        };
         let record = Record::beginning(settings, images);
-        let task = ViewsTask::new(views, &[], extent, (Exposures::default(), poses), guides);
+        let task = ViewsTask::new(views, &[], extent, (Exposures::default(), poses));
         let mut trainer = Trainer::assemble(rasterizer, record, splats, task);
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)

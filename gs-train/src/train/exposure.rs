@@ -18,7 +18,7 @@ use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
 use self::neighbours::{Halves, SmallView};
-use super::depth_loss::{clear_depth, depths_and_gaps};
+use super::rendered_depths::{clear_depth, depths_and_gaps};
 use crate::error::Error;
 use crate::run::{table, to_table};
 use crate::views::{ColorMap, PosedView, possible, reduced, reduced_camera};

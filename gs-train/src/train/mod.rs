@@ -5,13 +5,13 @@
 //! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
 mod beginning;
-mod depth_loss;
 mod evaluation;
 mod evidence;
 mod exposure;
 mod first_poses;
 mod poses;
 mod presets;
+mod rendered_depths;
 mod settings;
 mod summary;
 mod task;
@@ -23,7 +23,6 @@ mod usual_start;
 pub(crate) use self::evaluation::measure;
 pub(crate) use self::evidence::plain;
 pub use self::{
-    depth_loss::{DepthLoss, DepthMapCounts},
     evaluation::{ColorMatched, Evaluation, Look, PoseMatched, TrainingViews, ViewQuality, evaluate, evaluate_aligned},
     exposure::{Exposure, ExposureReport},
     poses::{PosesReport, RefinePoses},

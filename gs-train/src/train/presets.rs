@@ -10,7 +10,7 @@ use gs_core::{
 use gs_density::{Actions, Densify, Grow, Mcmc, Policy, Prune, Signal, SizeThreshold};
 use gs_io::dataset::DatasetKind;
 
-use super::{depth_loss::DepthLoss, exposure::Exposure, poses::RefinePoses, settings::TrainSettings};
+use super::{exposure::Exposure, poses::RefinePoses, settings::TrainSettings};
 use crate::run::{Recovery, Rounds};
 use crate::{start::PointInit, views::Resolution};
 
@@ -186,7 +186,6 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         resolution: Resolution::Full,
         exposure: Exposure::Off,
         refine_poses: RefinePoses::Off,
-        depth_loss: DepthLoss::default(),
     }
 }
 

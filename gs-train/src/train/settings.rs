@@ -7,7 +7,7 @@ use gs_core::{
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use super::{depth_loss::DepthLoss, exposure::Exposure, poses::RefinePoses};
+use super::{exposure::Exposure, poses::RefinePoses};
 use crate::run::{Recovery, Rounds, RunSettings, in_a_file, same_settings};
 use crate::{
     start::{PointInit, is_zero},
@@ -99,9 +99,6 @@ pub struct TrainSettings {
     /// Whether the poses of the training views' cameras are refined along with the scene.
     #[serde(skip_serializing_if = "RefinePoses::is_off")]
     pub refine_poses: RefinePoses,
-    /// Weight of the training views' depth maps in the loss; without depth maps it has no effect.
-    #[serde(skip_serializing_if = "DepthLoss::is_off")]
-    pub depth_loss: DepthLoss,
 }
 /// Settings files leave out counts that are 0 by default.
 fn is_zero_count(value: &u32) -> bool {
@@ -256,7 +253,6 @@ impl TrainSettings {
         self.policy.validate_3d()?;
         self.rounds.validate()?;
         self.resolution.validate()?;
-        self.depth_loss.validate()?;
         if self.render.output != Output::Color {
             return Err(Error::setting("render.output", self.render.output.name(), "color, which images show"));
         }

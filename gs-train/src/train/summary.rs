@@ -10,7 +10,6 @@ use crate::{
 };
 
 use super::{
-    depth_loss::DepthMapCounts,
     evaluation::{Evaluation, TrainingViews},
     exposure::ExposureReport,
     poses::PosesReport,
@@ -74,9 +73,6 @@ pub struct TrainSummary {
     /// Refinement of the training views' poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PosesReport>,
-    /// Depth maps of the training views, where they are part of the loss.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub depth_maps: Option<DepthMapCounts>,
     /// All settings, to repeat the training.
     pub settings: TrainSettings,
 }
@@ -108,7 +104,6 @@ impl TrainSummary {
             training: Some(training),
             exposure: trainer.exposure(),
             poses: trainer.poses(),
-            depth_maps: trainer.depth_maps(),
             settings: settings.clone(),
         })
     }

@@ -4,14 +4,13 @@ use std::{collections::BTreeMap, fmt, sync::OnceLock};
 
 use bytemuck::cast_slice_mut;
 use gs_core::{
-    Added, Camera, Culled, Effects, Gaussian3d, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Statistics,
+    Camera, Culled, Effects, Gaussian3d, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Statistics,
     metrics::mean,
 };
 use gs_density::{Evidence, EvidenceRequest};
 use rayon::prelude::*;
 
 use super::{
-    depth_loss::{DepthMapCounts, DepthMaps, Guides},
     evaluation::{TrainingViews, measure, together},
     evidence::{Gathering, views_of_round},
     exposure::{ExposureReport, Exposures},
@@ -33,10 +32,6 @@ pub(super) const AHEAD: u32 = READ_AHEAD as u32;
 /// cost less than the test views.
 const MOST_SAMPLED: usize = 32;
 
-/// Bytes of images in memory for each byte of depths: a quarter of the pixels, with four numbers each
-/// in place of three.
-const DEPTH_SHARE: u64 = 3;
-
 /// Views to train from, and their images as far as they have been read.
 pub struct ViewsTask<R: Optimizer<Scene3d>> {
     views: Views,
@@ -49,7 +44,6 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     compact: bool,
     pub(super) exposures: Exposures,
     poses: Poses,
-    depths: DepthMaps<R::Target>,
     /// Checksums of the views' images, those that are known.
     digests: Vec<OnceLock<u32>>,
 }
@@ -119,16 +113,15 @@ fn factor(settings: &TrainSettings, step: u32) -> u32 {
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     /// `digests` are the checksums of the images, where they are known.
-    pub(super) fn new(views: Views, digests: &[u32], extent: f32, solved: (Exposures, Poses), guides: Guides) -> Self {
+    pub(super) fn new(views: Views, digests: &[u32], extent: f32, solved: (Exposures, Poses)) -> Self {
         let (exposures, poses) = solved;
         let pixels = views.train_cameras().map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum();
         let images = Images::new(views.keep_bytes.saturating_sub(views.cached_bytes()));
         let of_view = |index| digests.get(index).map_or_else(OnceLock::new, |&digest| OnceLock::from(digest));
         let digests = (0..views.train.len() + views.test.len()).map(of_view).collect();
-        let depths = DepthMaps::new(guides, views.keep_bytes / DEPTH_SHARE);
         let compact = memory::is_compact(pixels);
         let (order, ahead) = (Order::default(), (Order::default(), 0));
-        Self { views, extent, order, ahead, images, compact, exposures, poses, depths, digests }
+        Self { views, extent, order, ahead, images, compact, exposures, poses, digests }
     }
 
     /// The views.
@@ -144,11 +137,6 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     /// What was found about the poses of the training views; `None` where they are not refined.
     pub(super) fn poses_report(&self) -> Option<PosesReport> {
         self.poses.report()
-    }
-
-    /// Numbers of depth maps in the loss, if there are any.
-    pub(super) fn depth_maps(&self) -> Option<DepthMapCounts> {
-        self.depths.counts()
     }
 
     /// The test views, or else a few of the training views.
@@ -259,10 +247,6 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
                 self.images.forget();
             }
         }
-        if self.depths.is_due(step, settings.iterations) {
-            let render = shown(settings, &effects);
-            self.depths.fit_to_renderings((on, splats), &self.views.train, &render).await?;
-        }
         Ok(())
     }
 
@@ -271,13 +255,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let frame = (!frame.is_world()).then(|| (gs_io::FRAME_ENTRY, frame.to_toml()));
         let views = self.views.train.iter().chain(&self.views.test).enumerate();
         let digests = views.map(|(index, view)| self.digest(index, view)).collect::<Vec<_>>().join(" ");
-        let own = [
-            self.exposures.to_metadata()?,
-            self.poses.to_metadata()?,
-            self.depths.to_metadata()?,
-            frame,
-            Some((DIGESTS_ENTRY, digests)),
-        ];
+        let own = [self.exposures.to_metadata()?, self.poses.to_metadata()?, frame, Some((DIGESTS_ENTRY, digests))];
         Ok(own.into_iter().flatten().collect())
     }
 
@@ -290,7 +268,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     ) -> Result<(), Error> {
         let StepContext { step, effects, full_depth, lr_scale, binning } = context;
         self.read_ahead(settings, step);
-        let (progress, views) = (step as f32 / settings.iterations as f32, self.views.train.len() as u32);
+        let views = self.views.train.len() as u32;
         // A step that only measures the loss moves nothing.
         let learns = lr_scale > 0.0;
         if learns && step.is_multiple_of(views) {
@@ -310,14 +288,11 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let background = render.background_color();
-        let of_depths = (&settings.depth_loss, progress);
-        let added = self.depths.gradients((on, &*splats), (view, index, factor), &render, of_depths).await?;
-        let added = added.as_ref().map(|(gradients, weight)| Added { gradients, weight: *weight });
         let (map, compact) = (self.exposures.map(index), self.compact);
         let target = self.images.get(index, factor, || {
             images::target(on, images::training_image(view, factor, map)?, background, compact)
         })?;
-        on.train_step_with(splats, &camera, target, &step, added).await?;
+        on.train_step(splats, &camera, target, &step).await?;
         if render.camera_gradient {
             self.poses.sent(index);
         }

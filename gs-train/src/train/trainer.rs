@@ -5,7 +5,6 @@ use gs_io::Checkpoint;
 
 use super::{
     beginning::{Beginning, check_fixed, fingerprint},
-    depth_loss::{DepthMapCounts, Guides},
     evaluation::{Evaluation, Look, Matching, TrainingViews, evaluate_splats},
     exposure::{ExposureReport, Exposures},
     first_poses::first_poses,
@@ -76,8 +75,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             .map_err(|error| Error::Checkpoint(format!("of its settings, {error}")))?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let poses = Poses::from_metadata(&checkpoint.metadata, &mut views.train)?;
-        let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
-        let task = ViewsTask::new(views, &digests, extent, (exposures, poses), guides);
+        let task = ViewsTask::new(views, &digests, extent, (exposures, poses));
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.average = average;
         Ok(trainer)
@@ -115,12 +113,6 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// are not refined or the run is too short for it ([`RefinePoses`](super::RefinePoses)).
     pub fn poses(&self) -> Option<PosesReport> {
         self.task.poses_report()
-    }
-
-    /// Numbers of the training views' depth maps; `None` without any, or where they are not part of the
-    /// loss ([`DepthLoss`](super::DepthLoss)).
-    pub fn depth_maps(&self) -> Option<DepthMapCounts> {
-        self.task.depth_maps()
     }
 
     /// The views that [`Self::quality`] measures: at most [`Views::most_measured`] of

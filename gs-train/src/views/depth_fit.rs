@@ -6,7 +6,6 @@ use gs_density::Rng;
 use gs_io::dataset::DepthMap;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 /// Least number of known points in a view that agree with its map.
 const LEAST_AGREEING: f32 = 10.0;
@@ -69,16 +68,14 @@ pub(crate) fn values_at(map: &DepthMap, camera: &Camera) -> Vec<f32> {
 }
 
 /// What the values of a map mean.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq)]
 enum Meaning {
     Depth,
     InverseDepth,
 }
 
 /// Depths from the values of a map.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fit {
     meaning: Meaning,
     scale: f32,
@@ -89,11 +86,6 @@ impl Fit {
     /// Depths with this many world units for a value of 1.
     pub(crate) fn in_units(scale: f32) -> Self {
         Self { meaning: Meaning::Depth, scale, shift: 0.0 }
-    }
-
-    /// Whether scale and shift are finite, and the scale is positive.
-    pub(crate) fn is_possible(&self) -> bool {
-        self.scale > 0.0 && self.scale.is_finite() && self.shift.is_finite()
     }
 
     /// The depth for a value of the map; `None` where the value is 0 or gives no positive, finite

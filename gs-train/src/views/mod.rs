@@ -20,7 +20,7 @@ pub use self::{
 pub(crate) use self::{
     color_map::{ColorMap, ColorPair},
     depth_fit::{Fit, Sample, fits, samples, values_at},
-    images::{Images, training_image},
+    images::Images,
     order::Order,
     resolution::{possible, reduced, reduced_camera},
     view::STAND_INS,

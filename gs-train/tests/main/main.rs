@@ -1,6 +1,5 @@
 //! Tests of training. One binary for all modules, so that the tests link once.
 
-mod depths;
 mod encode;
 mod evidence;
 mod exposure;

@@ -199,20 +199,6 @@ impl Kind for Scene3d {
         }
     }
 
-    fn encode_add(
-        workspace: &Workspace<Self>,
-        gpu: &Gpu,
-        commands: &mut Commands,
-        added: &[wgpu::Buffer],
-    ) -> Result<(), Error> {
-        let mut bindings = vec![&workspace.tiles.step];
-        bindings.extend(workspace.gradient_buffers());
-        bindings.extend(added);
-        let groups = groups_of(gpu, u64::from(workspace.tiles.gaussians), 64);
-        dispatch(gpu, commands, "add_gradients_3d", Variant::default(), &bindings, groups);
-        Ok(())
-    }
-
     fn encode_adam(
         gpu: &Gpu,
         commands: &mut Commands,

@@ -155,7 +155,6 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
             inverse_depths_match<R>,
             alphas_match<R>,
             dropouts_match<R>,
-            added_gradients_join_the_step<R>,
             order_does_not_matter_under_sum<Scene3d, R>,
             indices_do_not_matter_by_depth<R>,
             rigid_motions_change_nothing<R>,

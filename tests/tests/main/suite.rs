@@ -7,7 +7,7 @@ use std::ops::{Deref, DerefMut};
 use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
-    AdamRates, Added, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
+    AdamRates, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
     Optimizer, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Blend, Statistics},
 };
@@ -327,13 +327,12 @@ impl Optimizer<Scene2d> for Sabotaged {
         self.sound().step(splats, gradients, &rates).block_on()
     }
 
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
-        _: Option<Added<'_, Self::Gradients>>,
     ) -> Result<(), Error> {
         let pass = self.forward(splats, view, step.settings).block_on()?;
         let (loss, gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;

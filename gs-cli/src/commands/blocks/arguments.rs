@@ -103,7 +103,7 @@ pub(crate) struct PrepareArgs {
     /// A coarse model to use in place of a new one: the output folder of gs train for the same data set. Its
     /// checkpoint.safetensors has the poses and the exposure, if they were corrected
     #[arg(long, value_name = "DIR", conflicts_with_all = ["coarse_size", "coarse_gaussians", "start", "exposure",
-        "refine_poses", "depth_weight"])]
+        "refine_poses"])]
     pub(crate) model: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) images: DatasetArgs,

@@ -23,8 +23,8 @@ picture with the wanted value in place of the next cheaper one; the largest diff
 and the PSNR between such pictures; and the reason.
 
 With --train, a second table has a row for each correction of a training that DATASET allows: of \
-exposure, of depths by depth maps, and of poses, which needs 15 steps a view. Each row compares two trainings of K steps that begin with \
-the scene, with the correction and without it: time of a step, and mean PSNR over the test views, \
+exposure, and of poses, which needs 15 steps a view. Each row compares two trainings of K steps that \
+begin with the scene, with the correction and without it: time of a step, and mean PSNR over the test views, \
 as it is, with matched colours and, where poses are refined, at aligned poses.";
 
 /// The flags of `gs effects`.
@@ -45,7 +45,7 @@ pub(crate) struct EffectsCommandArgs {
     #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = whole::<u32>(1..=10_000))]
     repetitions: u32,
     /// Also train a 3D scene for K steps on the views of DATASET, with and without the correction of
-    /// exposure, of depths and of poses
+    /// exposure and of poses
     #[arg(long, value_name = "K", requires = "dataset", value_parser = whole::<u32>(1..=1_000_000))]
     train: Option<u32>,
     #[command(flatten)]

@@ -163,10 +163,6 @@ pub(crate) struct TrainSettingsArgs {
     /// Whether the cameras move while the scene is trained, for poses that are not exact
     #[arg(long, value_parser = by_name::<RefinePoses>(), value_name = "WHICH")]
     pub(crate) refine_poses: Option<RefinePoses>,
-    /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of
-    /// that. 1 is usual. With 0, depth maps only give initial Gaussians
-    #[arg(long, value_name = "W")]
-    pub(crate) depth_weight: Option<f32>,
     /// Which Gaussians a step moves
     #[arg(long, value_parser = by_name::<Participants>(), value_name = "WHICH")]
     pub(crate) participants: Option<Participants>,

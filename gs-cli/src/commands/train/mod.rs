@@ -203,8 +203,7 @@ fn check_memory(dataset: &Path, trainer: &Trainer3d<'_, AnyRasterizer>) -> Resul
     let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
     let need = |gaussians: u32| Need {
         what: format!("training on {} with {gaussians} Gaussians", dataset.display()),
-        bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into())
-            + trainer.depth_maps().map_or(0, |_| settings.depth_bytes(sizes(), gaussians.into())),
+        bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into()),
         held: 0,
         less: "scale down the images with --max-size, take fewer views, or fewer --gaussians",
     };

@@ -22,8 +22,8 @@ use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{
     MetricsLog, Trainer3d,
     train::{
-        ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, Exposure, ExposureReport, ImageReading, PoseMatched,
-        PosesReport, RefinePoses, TrainSummary, TrainingViews, Views,
+        ColorMatched, DRIFT_DB, Evaluation, Exposure, ExposureReport, ImageReading, PoseMatched, PosesReport,
+        RefinePoses, TrainSummary, TrainingViews, Views,
     },
 };
 use serde::Serialize;
@@ -83,7 +83,6 @@ impl results::Summary for Summary<'_> {
             shortfall,
             exposure,
             poses,
-            depth_maps,
             ..
         } = &self.training;
         let problems = Problems::new(verbosity, edits, evaluation.culled, *clamped, fresh_starts);
@@ -140,13 +139,6 @@ impl results::Summary for Summary<'_> {
                 RefinePoses::least_steps(views)
             )),
         };
-        let depths = depth_maps.and_then(|DepthMapCounts { maps, used, .. }| match maps - used {
-            0 => None,
-            unused => {
-                let maps = counted(maps, "depth map");
-                Some(format!("{unused} of {maps} did not fit the scene with any scale and shift, and were not used"))
-            }
-        });
         let antialiases = |decision: &&EffectDecision| {
             decision.effect == Effect::Antialias
                 && Antialias::from_name(decision.wanted).is_some_and(Antialias::compensates)
@@ -162,7 +154,7 @@ impl results::Summary for Summary<'_> {
         let images = self.images.as_ref().and_then(|images| images.failure.clone());
         let images = images.map(|failure| format!("{failure}; images were read again instead"));
         let shortfall = shortfall.map(ToString::to_string);
-        let notes = [drift, exposure, poses, depths, antialias, images, shortfall].into_iter().flatten();
+        let notes = [drift, exposure, poses, antialias, images, shortfall].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \

@@ -58,7 +58,6 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     }
     settings.exposure = args.exposure.unwrap_or(settings.exposure);
     settings.refine_poses = args.refine_poses.unwrap_or(settings.refine_poses);
-    settings.depth_loss.weight = args.depth_weight.unwrap_or(settings.depth_loss.weight);
     settings.adam.participants = args.participants.unwrap_or(settings.adam.participants);
     settings.validate()?;
     Ok(settings)

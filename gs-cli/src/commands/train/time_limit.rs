@@ -113,7 +113,6 @@ impl<'a> TimeLimit<'a> {
         let most_steps = within(f64::INFINITY).map_or(chosen.iterations, |longest| longest.iterations);
         let mut chosen = with_flags(self.flags, chosen)?;
         chosen.render = usual.render;
-        chosen.depth_loss = usual.depth_loss;
         let first = match chosen.resolution {
             Resolution::CoarseToFine { from, .. } => format!(", at 1/{from} of the size first"),
             _ => String::new(),

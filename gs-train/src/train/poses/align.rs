@@ -11,7 +11,7 @@ use gs_core::{Camera, Image, Rasterizer, RenderSettings, Scene3d};
 use gs_io::dataset::PosedImage;
 
 use crate::error::Error;
-use crate::train::depth_loss::depths_and_gaps;
+use crate::train::rendered_depths::depths_and_gaps;
 use crate::views::{PosedView, possible, reduced, reduced_camera};
 
 /// Largest motion of the image in a step of Gauss-Newton, root mean square, px.

@@ -5,7 +5,7 @@ mod fallible;
 use std::cell::RefCell;
 
 use gs_core::{
-    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TensorData, TrainStep, Wait,
     edit::{AfterEdit, Change, Moments},
     effects::{Antialias, Order},
@@ -282,13 +282,12 @@ impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
         self.inner.step(splats, gradients, rates).block_on()
     }
 
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut R::Splats,
         view: &S::View,
         target: &R::Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, R::Gradients>>,
     ) -> Result<(), Error> {
         self.refuses(step.settings)?;
         let usual = S::adam().at(0.0);
@@ -303,7 +302,7 @@ impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
             return Ok(());
         }
         self.inner
-            .train_step_with(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step }, added)
+            .train_step(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })
             .block_on()?;
         if self.is(Creeps) {
             let scene = self.inner.download(splats).await?;

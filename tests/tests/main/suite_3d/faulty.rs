@@ -5,9 +5,9 @@ use gs_conformance::{
     subject::Subject,
 };
 use gs_core::{
-    AdamRates, Added, Backend, Camera, CameraGradient, Culled, DensityStatistics, Dropout, EditPlan, Error, Gaussian3d,
-    Image, Loss, MeanNoise, Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene,
-    Scene3d, SplatsState, TargetImage, TrainStep, Wait,
+    AdamRates, Backend, Camera, CameraGradient, Culled, DensityStatistics, Dropout, EditPlan, Error, Gaussian3d, Image,
+    Loss, MeanNoise, Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d,
+    SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Background, Order, Statistics},
     logit,
 };
@@ -54,8 +54,6 @@ pub(crate) enum Fault {
     MovesOnlyTheVisible,
     MovesTheFixed,
     FusedStepDoesTooMuch,
-    IgnoresAddedGradients,
-    AddsToTheUnseen,
     UsesListsOfAnotherView,
     SwapsLosses,
     ForgetsLossesOnEdit,
@@ -379,25 +377,17 @@ impl Optimizer<Scene3d> for Faulty {
         Ok(())
     }
 
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut Splats,
         view: &Camera,
         target: &Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, Gradients>>,
     ) -> Result<(), Error> {
         let stale = self.is(UsesListsOfAnotherView) && step.binning == gs_core::Binning::Reuse;
         let seen = splats.last_view.filter(|_| stale).unwrap_or(*view);
         let pass = self.forward(splats, &seen, step.settings).block_on()?;
-        let (loss, mut gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;
-        if let Some(Added { gradients: added, weight }) = added.filter(|_| !self.is(IgnoresAddedGradients)) {
-            for (g, (row, added)) in gradients.rows.iter_mut().zip(&added.rows).enumerate() {
-                if gradients.drawn[g] || self.is(AddsToTheUnseen) {
-                    row.iter_mut().zip(added).for_each(|(sum, by)| *sum += f64::from(weight) * by);
-                }
-            }
-        }
+        let (loss, gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;
         self.step(splats, &gradients, step.rates).block_on()?;
         if self.is(FusedStepDoesTooMuch) {
             self.step(splats, &gradients, step.rates).block_on()?;

@@ -55,8 +55,6 @@ fn every_fault_is_caught_by_its_case() {
         (MovesOnlyTheVisible, "only_participants_move"),
         (MovesTheFixed, "fixed_gaussians_stay"),
         (FusedStepDoesTooMuch, "fused_steps_match_separate_stages"),
-        (IgnoresAddedGradients, "added_gradients_join_the_step"),
-        (AddsToTheUnseen, "added_gradients_join_the_step"),
         (UsesListsOfAnotherView, "reused_lists_change_nothing_without_movement"),
         (SwapsLosses, "losses_are_reported_once_and_in_order"),
         (ForgetsLossesOnEdit, "every_call_sees_pending_steps"),

@@ -3,8 +3,8 @@
 
 use super::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{
-    AdamRates, Added, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d,
-    Image, Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, SplatsState,
+    AdamRates, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image,
+    Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, SplatsState,
     TargetImage, TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, Splats2d};
@@ -119,15 +119,14 @@ impl Optimizer<Scene2d> for Late {
         self.sound.for_2d().step(&mut splats.sound, gradients, rates).await
     }
 
-    async fn train_step_with(
+    async fn train_step(
         &self,
         splats: &mut Self::Splats,
         view: &Canvas,
         target: &Self::Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, Self::Gradients>>,
     ) -> Result<(), CoreError> {
-        self.sound.for_2d().train_step_with(&mut splats.sound, view, target, step, added).await
+        self.sound.for_2d().train_step(&mut splats.sound, view, target, step).await
     }
 
     async fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), CoreError> {
