@@ -241,7 +241,7 @@ fn every_override_fits() {
     let cases: [&[&str]; 12] = [
         &["--policy", "absolute"],
         &["--policy", "percentile"],
-        &["--policy", "hybrid", "--blend", "over"],
+        &["--policy", "percentile", "--blend", "over"],
         &["--policy", "paper"],
         &["--policy", "residual", "--preset", "paper"],
         &["--policy", "none"],

@@ -36,7 +36,6 @@ macro_rules! policies {
         enum Form {
             Absolute(GrowForm),
             Percentile(GrowForm),
-            Hybrid(GrowForm),
             Paper(GrowForm),
             $(#[serde(rename = $name)] $variant($type),)*
             $(#[serde(rename = $flat_name)] $flat_variant($flat_type),)*
@@ -48,7 +47,6 @@ macro_rules! policies {
                 match form {
                     Form::Absolute(form) => Self::Grow(form.or(Grow::absolute)),
                     Form::Percentile(form) => Self::Grow(form.or(Grow::percentile)),
-                    Form::Hybrid(form) => Self::Grow(form.or(Grow::hybrid)),
                     Form::Paper(form) => Self::Grow(form.or(Grow::paper)),
                     $(Form::$variant(policy) => Self::$variant(policy),)*
                     $(Form::$flat_variant(policy) => Self::$flat_variant(policy),)*
@@ -63,8 +61,7 @@ macro_rules! policies {
                     Policy::Grow(policy) => match grow::kind(&policy) {
                         "paper" => Self::Paper(policy.into()),
                         "absolute" => Self::Absolute(policy.into()),
-                        "percentile" => Self::Percentile(policy.into()),
-                        _ => Self::Hybrid(policy.into()),
+                        _ => Self::Percentile(policy.into()),
                     },
                     $(Policy::$variant(policy) => Self::$variant(policy),)*
                     $(Policy::$flat_variant(policy) => Self::$flat_variant(policy),)*

@@ -17,9 +17,6 @@ gs_core::impl_with!(Grow);
 /// Share of the Gaussians that forced growth lets grow in each round, %. *Source:* paper §3.4.3.
 pub const FORCED_GROWTH_PERCENT: f32 = 10.0;
 
-/// Share of [`Signal::threshold`] below which [`Grow::hybrid`] lets nothing grow.
-const FLOOR_SHARE: f32 = 0.01;
-
 /// How rank and threshold are combined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
@@ -38,7 +35,6 @@ pub enum Combine {
 /// |---|---|---|---|---|
 /// | [`Grow::absolute`] | 100 | that of the signal | both | 3DGS by the mean gradient, AbsGS by the absolute one |
 /// | [`Grow::percentile`] | 10 | 0 | both | the paper's forced growth, §3.4.3 and §5.2 |
-/// | [`Grow::hybrid`] | 10 | a hundredth of the signal's | both | – |
 /// | [`Grow::paper`] | 10 | that of the signal | either | the paper's experiment, §3.4.3 |
 ///
 /// A settings file names the constructor as `kind`; missing keys have the values of this table.
@@ -88,7 +84,8 @@ impl Grow {
     }
 
     /// The Gaussians with the largest signals grow, [`FORCED_GROWTH_PERCENT`] of them, regardless
-    /// of a threshold.
+    /// of a threshold. With a low threshold, growth ends where there is nothing to gain, and the
+    /// budget is a target: the round that reaches it ends at exactly that number.
     ///
     /// The count rises by that share a round: from 20 by 10 % in 24 rounds to 234, rounding up
     /// included.
@@ -102,16 +99,6 @@ impl Grow {
             full_depth: signal.full_depth(),
             actions: Actions::default(),
         }
-    }
-
-    /// Growth by rank above a low threshold: Gaussians among the first [`FORCED_GROWTH_PERCENT`] by
-    /// rank grow if their signal is at least a hundredth of its threshold.
-    ///
-    /// The rank sets the speed of growth, whatever the contrast of the image. The low threshold
-    /// only ends growth where there is nothing to gain. The budget is a target: the round that
-    /// reaches it ends at exactly that number.
-    pub fn hybrid(signal: Signal) -> Self {
-        Self { threshold: FLOOR_SHARE * signal.threshold(), ..Self::percentile(signal) }
     }
 
     /// Growth by rank or threshold: the first [`FORCED_GROWTH_PERCENT`] by rank grow, and all whose

@@ -4,7 +4,7 @@ use super::*;
 
 /// The names that are kinds in settings files: all but those of a [`Grow`] with other settings.
 fn kinds() -> impl Iterator<Item = &'static str> {
-    let of_grow = ["absolute", "percentile", "hybrid", "paper"];
+    let of_grow = ["absolute", "percentile", "paper"];
     of_grow.into_iter().chain(OTHERS.iter().map(|named| named.name))
 }
 
@@ -27,21 +27,23 @@ fn names_come_back_from_settings_files_and_the_error_lists_them() {
 
 #[test]
 fn a_threshold_that_is_not_given_is_that_of_the_signal() {
-    for (signal, suffix, threshold) in [
-        ("mean-gradient", "", 2e-4),
+    for (signal, name, threshold) in [
+        ("mean-gradient", "absolute", 2e-4),
         ("absolute-gradient", "abs-gs", 4e-4),
         ("pixel-gradient", "pixel-gs", 2e-4),
-        ("pixel-error", "error", 0.1),
+        ("pixel-error", "absolute-error", 0.1),
     ] {
         let read = |kind| toml::from_str::<Policy>(&format!("kind = '{kind}'\nsignal = '{signal}'")).unwrap();
         let Policy::Grow(absolute) = read("absolute") else { panic!("another kind") };
         assert_eq!(absolute.threshold, threshold);
-        let Policy::Grow(hybrid) = read("hybrid") else { panic!("another kind") };
-        assert_eq!(hybrid.threshold, 0.01 * threshold);
-        assert!(read("percentile").name().ends_with(if suffix.is_empty() { "percentile" } else { suffix }));
+        assert_eq!(read("absolute").name(), name);
+        assert!(read("percentile").name().starts_with("percentile"));
     }
     let given = "kind = 'absolute'\nsignal = 'pixel-error'\nthreshold = 0.3";
     assert!(matches!(toml::from_str(given).unwrap(), Policy::Grow(Grow { threshold: 0.3, .. })));
+    let both: Policy = toml::from_str("kind = 'percentile'\nthreshold = 2e-6").unwrap();
+    assert!(both.aims_at_budget() && !Policy::from_name("percentile").unwrap().aims_at_budget());
+    assert_eq!(toml::from_str::<Policy>(&toml::to_string(&both).unwrap()).unwrap(), both);
 }
 
 #[test]
@@ -62,18 +64,17 @@ fn settings_files_are_held_to_their_fields_and_ranges() {
     assert!(read("kind = 'everything'").is_err());
     assert!(read("kind = 'absolute'\nsignal = 'smoke'").is_err());
     assert!(read("kind = 'absolute'\nthresh = 1.0").is_err());
-    assert!(read("kind = 'hybrid'\nfloors = 1.0").is_err());
     assert!(read("kind = 'none'\npercent = 1.0").is_err());
     for out_of_range in [
         "kind = 'absolute'\nthreshold = -1.0",
         "kind = 'percentile'\npercent = 101.0",
-        "kind = 'hybrid'\nthreshold = nan",
+        "kind = 'percentile'\nthreshold = nan",
         "kind = 'paper'\nactions.densify.shrink = 0.5",
         "kind = 'paper'\nactions.densify.split-above = { pixels = 0.0 }",
         "kind = 'paper'\nactions.prune.opacity = 1.5",
         "kind = 'paper'\nactions.prune.larger-than = { extent-fraction = -0.5 }",
         "kind = 'paper'\nactions.reset.to = 0.0",
-        "kind = 'hybrid'\nactions.densify.split-placement = { long-axis-split = { width = 0.0 } }",
+        "kind = 'percentile'\nactions.densify.split-placement = { long-axis-split = { width = 0.0 } }",
         "kind = 'mcmc'\npercent = -1.0",
         "kind = 'mcmc'\ndead-opacity = 1.0",
         "kind = 'mcmc'\nnoise.every = 0",
@@ -110,7 +111,7 @@ fn actions_that_are_not_given_stay_those_of_the_policy() {
         ("growth-fraction = 1.0", |s| s.growth_fraction = 1.0),
     ];
     let with_actions = |kind: &&str| Policy::from_name(kind).unwrap().actions().is_some();
-    assert!(kinds().filter(with_actions).count() >= 9);
+    assert!(kinds().filter(with_actions).count() >= 8);
     for kind in kinds().filter(with_actions) {
         for (text, change) in changes {
             let mut expected = Policy::from_name(kind).unwrap();
@@ -128,7 +129,7 @@ fn actions_that_are_not_given_stay_those_of_the_policy() {
 #[test]
 fn pixel_gs_fades_gradients_near_the_camera() {
     let full_depth = |name| Policy::from_name(name).unwrap().needs().full_depth;
-    assert_eq!(["pixel-gs", "percentile-pixel-gs", "abs-gs", "fastgs"].map(full_depth), [0.37, 0.37, 0.0, 0.0]);
+    assert_eq!(["pixel-gs", "abs-gs", "fastgs"].map(full_depth), [0.37, 0.0, 0.0]);
     let nearer: Policy = toml::from_str("kind = 'absolute'\nsignal = 'pixel-gradient'\nfull-depth = 0.0").unwrap();
     assert_eq!((nearer.name(), nearer.needs().full_depth), ("pixel-gs", 0.0));
     assert_eq!(toml::from_str::<Policy>(&toml::to_string(&nearer).unwrap()).unwrap(), nearer);

@@ -82,14 +82,14 @@ fn each_criterion_picks_its_own() {
     });
     assert_eq!(growing(&plan(&forced, &seen)), first(30));
 
-    let hybrid = |percent| {
-        Grow::hybrid(MeanGradient).with(|s| {
+    let both = |percent| {
+        Grow::percentile(MeanGradient).with(|s| {
             s.percent = percent;
             s.threshold = TAU_POSITION;
         })
     };
-    assert_eq!(growing(&plan(&hybrid(10.0), &seen)), first(3));
-    assert_eq!(growing(&plan(&hybrid(50.0), &seen)), first(8));
+    assert_eq!(growing(&plan(&both(10.0), &seen)), first(3));
+    assert_eq!(growing(&plan(&both(50.0), &seen)), first(8));
     let paper = |percent| Grow::paper(MeanGradient).with(|s| s.percent = percent);
     assert_eq!(growing(&plan(&paper(10.0), &seen)), first(8));
     assert_eq!(growing(&plan(&paper(50.0), &seen)), first(15));
@@ -251,7 +251,7 @@ fn any_policy() -> impl Strategy<Value = Policy> {
             }))
         }),
         (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| Policy::Grow(
-            Grow::hybrid(MeanGradient).with(|s| {
+            Grow::percentile(MeanGradient).with(|s| {
                 s.percent = percent;
                 s.threshold = threshold;
                 s.actions = actions;

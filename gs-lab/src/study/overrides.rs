@@ -138,11 +138,11 @@ mod tests {
     #[test]
     fn partial_settings_add_up() {
         let mut base: Table = "adam.mean.beta1 = 0.5\npolicy.actions.densify.shrink = 2.0".parse().unwrap();
-        lay_upon(&mut base, &"adam.scale.beta1 = 0.6\npolicy.kind = 'hybrid'".parse().unwrap());
+        lay_upon(&mut base, &"adam.scale.beta1 = 0.6\npolicy.kind = 'absolute'".parse().unwrap());
         let settings = applied(&FitSettings::paper(), &base).unwrap();
         assert_eq!((settings.adam.mean.beta1, settings.adam.scale.beta1), (0.5, 0.6));
-        let Policy::Grow(hybrid) = settings.policy else { panic!("the policy is {:?}", settings.policy) };
-        assert_eq!(hybrid.actions.densify.shrink, 2.0);
+        let Policy::Grow(absolute) = settings.policy else { panic!("the policy is {:?}", settings.policy) };
+        assert_eq!(absolute.actions.densify.shrink, 2.0);
     }
 
     #[test]

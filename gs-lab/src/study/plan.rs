@@ -269,11 +269,11 @@ mod tests {
     #[test]
     fn a_policy_by_its_name_is_what_settings_differ_from() {
         let named =
-            TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
-        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.of_image().policy.clone() else {
-            panic!("a hybrid")
+            TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'paper'\nsettings.policy.percent = 25");
+        let Policy::Grow(paper) = plan(&named).unwrap().runs[1].settings.of_image().policy.clone() else {
+            panic!("another policy")
         };
-        assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));
+        assert_eq!((paper.percent, paper.actions.densify.shrink), (25.0, 2.0));
     }
 
     #[test]

@@ -56,7 +56,7 @@ fn a_resumed_run_ends_bit_identical_in_both_parameterizations_and_blends() {
                 ("residual", Tune::Ssim),
                 ("paper", Tune::Psnr),
                 ("mcmc", Tune::Psnr),
-                ("percentile-error", Tune::Psnr),
+                ("absolute-error", Tune::Psnr),
             ] {
                 let policy = Policy::from_name(policy).unwrap();
                 let settings = small_fit(blend).with(|s| {

@@ -19,7 +19,7 @@ use crate::{
 const LONG_AXIS_THRESHOLD: f32 = 3.5e-4;
 
 /// The policies that are a [`Grow`].
-pub(crate) const NAMED: [Named; 14] = [
+pub(crate) const NAMED: [Named; 8] = [
     named("absolute", "Grow where the positional gradient exceeds a fixed threshold (3DGS)", || {
         grow(Grow::absolute(Signal::MeanGradient))
     }),
@@ -43,24 +43,6 @@ pub(crate) const NAMED: [Named; 14] = [
     named("percentile-abs-gs", "Grow the top percents by absolute gradient", || {
         grow(Grow::percentile(Signal::AbsoluteGradient))
     }),
-    named("percentile-pixel-gs", "Grow the top percents by the gradient of pixel-gs", || {
-        grow(Grow::percentile(Signal::PixelGradient))
-    }),
-    named("percentile-error", "Grow the top percents by the error of the covered pixels", || {
-        grow(Grow::percentile(Signal::PixelError))
-    }),
-    named("hybrid", "Grow by rank of the positional gradient, above a floor and within a budget", || {
-        grow(Grow::hybrid(Signal::MeanGradient))
-    }),
-    named("hybrid-abs-gs", "Grow by rank of the absolute gradient, above a floor and within a budget", || {
-        grow(Grow::hybrid(Signal::AbsoluteGradient))
-    }),
-    named("hybrid-pixel-gs", "Grow by rank of the gradient of pixel-gs, above a floor and within a budget", || {
-        grow(Grow::hybrid(Signal::PixelGradient))
-    }),
-    named("hybrid-error", "Grow by rank of the error of the covered pixels, above a floor and within a budget", || {
-        grow(Grow::hybrid(Signal::PixelError))
-    }),
     named("long-axis", "Grow as abs-gs does, but split side by side along the long axis", || {
         grow(Grow {
             threshold: LONG_AXIS_THRESHOLD,
@@ -81,28 +63,26 @@ fn grow(grow: Grow) -> Policy {
     Policy::Grow(grow)
 }
 
-/// The constructor of [`Grow`] that makes a rule like this one: `paper`, `absolute`, `percentile`
-/// or `hybrid`.
+/// The constructor of [`Grow`] that makes a rule like this one: `paper`, `absolute` or `percentile`.
 pub(crate) fn kind(grow: &Grow) -> &'static str {
     match grow.combine {
         Combine::Either => "paper",
         Combine::Both if grow.percent >= 100.0 => "absolute",
-        Combine::Both if grow.threshold == 0.0 => "percentile",
-        Combine::Both => "hybrid",
+        Combine::Both => "percentile",
     }
 }
 
-/// Name of a rule, as in [`NAMED`], by its kind, signal and split.
+/// The nearest name of a rule, as in [`NAMED`], by its kind, signal and split.
 pub(crate) fn name(grow: &Grow) -> &'static str {
     let splits_along = matches!(grow.actions.densify.split_placement, SplitPlacement::LongAxisSplit(_));
-    let names = match (kind(grow), grow.signal) {
-        ("paper", _) => return "paper",
-        ("absolute", Signal::AbsoluteGradient) if splits_along => return "long-axis",
-        ("absolute", _) => ["absolute", "abs-gs", "pixel-gs", "absolute-error"],
-        ("percentile", _) => ["percentile", "percentile-abs-gs", "percentile-pixel-gs", "percentile-error"],
-        _ => ["hybrid", "hybrid-abs-gs", "hybrid-pixel-gs", "hybrid-error"],
-    };
-    names[grow.signal as usize]
+    match (kind(grow), grow.signal) {
+        ("absolute", Signal::AbsoluteGradient) if splits_along => "long-axis",
+        ("absolute", Signal::AbsoluteGradient) => "abs-gs",
+        ("absolute", Signal::PixelGradient) => "pixel-gs",
+        ("absolute", Signal::PixelError) => "absolute-error",
+        ("percentile", Signal::AbsoluteGradient) => "percentile-abs-gs",
+        (kind, _) => kind,
+    }
 }
 
 impl Rule for Grow {
@@ -122,7 +102,7 @@ impl Rule for Grow {
     }
 
     fn aims_at_budget(&self) -> bool {
-        kind(self) == "hybrid"
+        kind(self) == "percentile" && self.threshold > 0.0
     }
 }
 

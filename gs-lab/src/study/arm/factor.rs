@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn factors_that_contradict_each_other_or_do_not_vary_are_refused() {
         for (from, to, expected) in [
-            ("settings.rebin-every = 1", "policy = 'hybrid'", "factor `lists`: another factor sets `policy`, too"),
+            ("settings.rebin-every = 1", "policy = 'paper'", "factor `lists`: another factor sets `policy`, too"),
             ("policy = 'none'", "settings.rebin-every = 3", "sets `settings.rebin-every`, too: set each key in one"),
             ("{ name = 'none', policy = 'none' }, ", "", "factor `policy` has fewer than two levels"),
             ("[[factor]]\nname = 'lists'", "[[arm]]\nname = 'a'\n[[factor]]\nname = 'lists'", "both arms and factors"),
