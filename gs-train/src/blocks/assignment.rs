@@ -1,13 +1,13 @@
 //! What each Gaussian and each block contribute to views, as blending weights.
 
 use glam::Vec3;
-use gs_core::{Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d, effects::Statistics};
+use gs_core::{Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d};
 use gs_io::dataset::Window;
 
 use crate::{
-    edit::{blending_weights, color_gradients, colorless},
     error::Error,
     train::plain,
+    views::{blending_weights, color_gradients, colorless},
 };
 
 /// Share of a block's weights in a view that may lie beyond each side of its window: a few pixels far from all others
@@ -41,8 +41,8 @@ pub(super) struct Coarse<'a, R: Rasterizer<Scene3d>> {
 impl<'a, R: Rasterizer<Scene3d>> Coarse<'a, R> {
     /// `render` draws the scene.
     pub(super) fn new(on: &'a R, scene: &'a Scene3d, render: &RenderSettings) -> Result<Self, Error> {
-        let render = colorless(render).with(|s| s.effects.statistics = Statistics::None);
-        Ok(Self { on, scene, grey: on.upload(&plain(scene), Parameterization::ScaleRotation)?, render })
+        let grey = on.upload(&plain(scene), Parameterization::ScaleRotation)?;
+        Ok(Self { on, scene, grey, render: colorless(render) })
     }
 
     /// The sum of each Gaussian's blending weights over views, px, `[N]`.

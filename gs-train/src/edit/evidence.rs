@@ -7,10 +7,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    Camera, Image, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d,
-    constants::SH_C0,
-    effects::{Background, Order},
-    logit, sigmoid,
+    Image, Output, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene3d, effects::Order, logit, sigmoid,
 };
 use gs_density::Rng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -18,6 +15,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use crate::{
     error::Error,
     train::{PosedView, plain},
+    views::{blending_weights, color_gradients, colorless},
 };
 
 /// A Gaussian that is farther than what a view shows by more than this share of its depth is hidden from the view.
@@ -51,16 +49,6 @@ pub(super) async fn contribution<R: Rasterizer<Scene3d>>(
         return Err(Error::NothingSeen { gaussians: scene.len(), views: views.len() });
     }
     Ok(largest)
-}
-
-/// The sum of each Gaussian's blending weights in a view, px, `[N]`; of a [`plain`] scene, by [`colorless`] settings.
-pub(crate) async fn blending_weights<R: Rasterizer<Scene3d>>(
-    grey: (&R, &R::Splats),
-    camera: &Camera,
-    render: &RenderSettings,
-) -> Result<Vec<f32>, Error> {
-    let ones = Image::filled(camera.width, camera.height, [1.0; 3])?;
-    Ok(color_gradients(grey, camera, render, &ones).await?.into_iter().map(|sum| sum.x).collect())
 }
 
 /// How far each Gaussian hangs in front of what the views show of another scene, as a share of the depth there, `[N]`:
@@ -158,23 +146,4 @@ pub(super) async fn harm<R: Rasterizer<Scene3d>>(
         }
     }
     Ok(harm)
-}
-
-/// Settings under which colours are constants, and their gradients are sums of weights.
-pub(crate) fn colorless(render: &RenderSettings) -> RenderSettings {
-    render.with(|s| (s.effects.sh_degree, s.effects.background) = (0, Background::None))
-}
-
-/// The sums of maps over the pixels with the weights of a grey scene's Gaussians, `[N, 3]`, in units of the largest
-/// possible weight of a pixel, if that is small.
-pub(crate) async fn color_gradients<R: Rasterizer<Scene3d>>(
-    (on, grey): (&R, &R::Splats),
-    camera: &Camera,
-    render: &RenderSettings,
-    maps: &Image,
-) -> Result<Vec<Vec3>, Error> {
-    let unit = if render.accuracy.alpha_max < 0.5 { render.accuracy.alpha_max } else { 1.0 };
-    let pass = on.forward(grey, camera, render).await?;
-    let gradients = on.image_vjp(grey, pass, maps).await?;
-    Ok(on.gradients(grey, &gradients).await?.sh.into_iter().map(|sum| sum / (SH_C0 * unit)).collect())
 }

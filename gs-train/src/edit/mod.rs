@@ -11,7 +11,6 @@ use gs_core::{
 use gs_io::{Done, Edit, WorldFrame};
 
 use self::evidence::contribution;
-pub(crate) use self::evidence::{blending_weights, color_gradients, colorless};
 pub use self::floaters::Floaters;
 use crate::{
     error::Error,

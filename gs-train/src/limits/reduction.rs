@@ -1,13 +1,13 @@
 //! Reducing a scene to fewer Gaussians: those that contribute least to its views are merged into
 //! their neighbours, or removed.
 
-use glam::Vec3;
-use gs_core::{Camera, Image, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0};
+use gs_core::{Camera, Parameterization, Rasterizer, RenderSettings, Scene, Scene3d};
 use gs_density::merged;
 use rstar::{RTree, primitives::GeomWithData};
 
 use crate::error::Error;
 use crate::train::plain;
+use crate::views::{blending_weights, colorless};
 
 /// Distance of two Gaussians, in sums of their largest standard deviations, within which one is
 /// merged into the other. Measured on two trained scenes: without merging, 0.1 to 5 dB less; at 0.3,
@@ -74,24 +74,18 @@ pub async fn reduce<R: Rasterizer<Scene3d>>(
     Ok(Reduced { removed: scene.len() - reduced.len() - joined, merged: joined, scene: reduced })
 }
 
-/// The sum of each Gaussian's weights in the pixels of all images, `[N]`: the gradient of the sum of
-/// all pixels with respect to its colour, if that doesn't depend on the view and isn't clamped.
+/// The sum of each Gaussian's weights in the pixels of all images, `[N]`.
 async fn contributions<R: Rasterizer<Scene3d>>(
     on: &R,
     scene: &Scene3d,
     cameras: &[Camera],
     render: &RenderSettings,
 ) -> Result<Vec<f32>, Error> {
-    let splats = on.upload(&plain(scene), Parameterization::ScaleRotation)?;
-    let mut settings = *render;
-    settings.effects.sh_degree = 0;
+    let grey = on.upload(&plain(scene), Parameterization::ScaleRotation)?;
     let mut sums = vec![0.0; scene.len()];
     for camera in cameras {
-        let pass = on.forward(&splats, camera, &settings).await?;
-        let ones = Image::filled(camera.width, camera.height, [1.0; 3])?;
-        let gradients = on.image_vjp(&splats, pass, &ones).await?;
-        let by_color: Vec<Vec3> = on.gradients(&splats, &gradients).await?.sh;
-        sums.iter_mut().zip(by_color).for_each(|(sum, gradient)| *sum += (gradient.x / SH_C0).max(0.0));
+        let weights = blending_weights((on, &grey), camera, &colorless(render)).await?;
+        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight.max(0.0));
     }
     Ok(sums)
 }

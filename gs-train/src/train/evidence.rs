@@ -13,8 +13,7 @@ mod maps;
 use glam::Vec3;
 use gs_core::{
     Blend, Camera, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d,
-    constants::SH_C0,
-    effects::{Background, Order, Statistics},
+    effects::{Order, Statistics},
     math::perspective::{Ellipsoid, Perspective},
 };
 use gs_density::{DensityGaussian, Evidence, EvidenceRequest, PixelSums, Rng, ViewEvidence};
@@ -23,7 +22,7 @@ use rand::{SeedableRng, seq::index};
 
 use self::maps::maps;
 use crate::error::Error;
-use crate::views::images;
+use crate::views::{color_gradients, colorless, images};
 
 /// Stream of random numbers for the views, independent of all others.
 const EVIDENCE_STREAM: u64 = 0x6576_6964;
@@ -100,14 +99,14 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
             let maps = maps(&rendered, &posed.over(background)?, mask, &self.request)?;
             let mut view = ViewEvidence { loss, ..ViewEvidence::default() };
             if self.request.blended {
-                view.blended = self.sums(camera, self.render, &maps, 1.0).await?;
+                view.blended = self.sums(camera, &self.render, &maps).await?;
             }
             if self.request.covered {
                 let mut footprints = self.render;
                 footprints.accuracy.alpha_max = FOOTPRINT_ALPHA;
                 footprints.effects.blend = Blend::Over;
                 footprints.effects.order = Order::Index;
-                view.covered = self.sums(camera, footprints, &maps, FOOTPRINT_ALPHA).await?;
+                view.covered = self.sums(camera, &footprints, &maps).await?;
             }
             if self.request.geometry {
                 (view.depth, view.radius_px) = geometry(self.scene, camera, &self.render);
@@ -150,21 +149,10 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
         self.evidence
     }
 
-    /// Sums of the three maps over the pixels, in units of `weight`.
-    async fn sums(
-        &self,
-        camera: &Camera,
-        mut render: RenderSettings,
-        maps: &Image,
-        weight: f32,
-    ) -> Result<PixelSums, Error> {
-        render.effects.sh_degree = 0;
-        render.effects.background = Background::None;
-        render.effects.statistics = Statistics::None;
-        let pass = self.on.forward(&self.plain, camera, &render).await?;
-        let gradients = self.on.image_vjp(&self.plain, pass, maps).await?;
-        let by_color = self.on.gradients(&self.plain, &gradients).await?.sh;
-        let channel = |k: usize| by_color.iter().map(|sh| sh[k] / (SH_C0 * weight)).collect();
+    /// Sums of the three maps over the pixels.
+    async fn sums(&self, camera: &Camera, render: &RenderSettings, maps: &Image) -> Result<PixelSums, Error> {
+        let sums = color_gradients((self.on, &self.plain), camera, &colorless(render), maps).await?;
+        let channel = |k: usize| sums.iter().map(|sum| sum[k]).collect();
         Ok(PixelSums { pixels: channel(0), error: channel(1), high_error: channel(2) })
     }
 }

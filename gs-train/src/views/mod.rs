@@ -10,6 +10,7 @@ pub(crate) mod images;
 mod order;
 mod resolution;
 mod view;
+mod weights;
 
 pub use self::{
     cache::ImageReading,
@@ -24,4 +25,5 @@ pub(crate) use self::{
     order::Order,
     resolution::{possible, reduced, reduced_camera},
     view::STAND_INS,
+    weights::{blending_weights, color_gradients, colorless},
 };
