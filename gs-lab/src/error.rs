@@ -29,13 +29,10 @@ pub enum Error {
         hint: &'static str,
     },
     /// An arm whose settings are not possible.
-    #[error("study `{study}`: {}arm `{arm}`: {message}", line.map_or_else(String::new, |line| format!("line {line}: ")))]
+    #[error("study `{study}`: arm `{arm}`: {message}")]
     Arm {
         /// The study's name.
         study: String,
-        /// Line of the study file with the wrong key, or with the arm's name if no key is known,
-        /// counted from 1; `None` for an arm that is not from a file.
-        line: Option<usize>,
         /// The arm's name.
         arm: String,
         /// What is wrong with the arm's settings, beginning with the key where it is known.

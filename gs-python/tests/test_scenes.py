@@ -247,7 +247,7 @@ def test_cameras() -> None:
 
 
 def test_settings_refuse_unknown_keys(scene_2d: gs.Scene2d) -> None:
-    with pytest.raises(ValueError, match=r"settings\.efects: .*effects"):
+    with pytest.raises(ValueError, match="settings: .*`efects`.*effects"):
         gs.render(scene_2d, size=(8, 8), settings={"efects": {}})
     with pytest.raises(ValueError):
         gs.render(scene_2d, size=(8, 8), settings={"background": float("nan")})

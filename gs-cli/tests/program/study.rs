@@ -255,12 +255,7 @@ fn invalid_studies_are_refused_in_one_line_before_any_work() {
         gs(arguments(&other, &output))
     };
     for (from, to, status, expected) in [
-        (
-            "percent = 50",
-            "percentage = 50",
-            2,
-            "line 15: arm `percentile`: settings.policy.percentage: unknown key `percentage` in [policy]",
-        ),
+        ("percent = 50", "percentage = 50", 2, "arm `percentile`: settings: unknown key `percentage` in [policy]"),
         ("picture-32x24.png", "absent.png", 1, "absent.png: no such file in "),
     ] {
         let run = with(from, to);

@@ -151,8 +151,8 @@ where
             None => run.settings.statistics(),
         };
         if let Err(error @ CoreError::Unsupported { .. }) = run.settings.draw_one(rasterizer, &render) {
-            let (study, arm, line) = (plan.study.name.clone(), arm.name.clone(), arm.line());
-            return Err(Error::Arm { study, line, arm, message: error.to_string() });
+            let (study, arm) = (plan.study.name.clone(), arm.name.clone());
+            return Err(Error::Arm { study, arm, message: error.to_string() });
         }
     }
     Ok(())

@@ -236,9 +236,8 @@ impl Study {
             let what = format!("measure: `{image}` does not have the paper's shapes");
             return Err(self.wrong(what, "leave \"shapes\" out, or name paper and its variations of 128 px only"));
         }
-        for (index, choice) in self.choices.iter().enumerate() {
-            let place =
-                Place { study: self, path: format!("choice.{index}"), words: format!("choice `{}`", choice.name) };
+        for choice in &self.choices {
+            let place = Place { study: self, words: format!("choice `{}`", choice.name) };
             if self.arms.iter().any(|arm| arm.name == choice.name) {
                 return Err(place.wrong("name", "an arm has this name, too", "choose another"));
             }
@@ -249,12 +248,8 @@ impl Study {
         let names: Vec<&String> = self.claims.iter().map(|claim| &claim.name).collect();
         self.unrepeated("claim", &names)?;
         self.unrepeated("choice", &self.choices.iter().map(|choice| &choice.name).collect::<Vec<_>>())?;
-        for (index, claim) in self.claims.iter().enumerate() {
-            let place = |key: &str| Place {
-                study: self,
-                path: format!("claim.{index}.{key}"),
-                words: format!("claim `{}`: {key}", claim.name),
-            };
+        for claim in &self.claims {
+            let place = |key: &str| Place { study: self, words: format!("claim `{}`: {key}", claim.name) };
             if claim.circumstances.is_empty() {
                 let hint = "list at least one condition that the verdict follows from";
                 return Err(place("circumstances").wrong("", "there are none", hint));
@@ -273,17 +268,13 @@ impl Study {
 /// Where in the study file a quantity stands, for errors.
 struct Place<'a> {
     study: &'a Study,
-    /// Its path, as [`KeyLines`](super::key_lines::KeyLines) has it.
-    path: String,
     words: String,
 }
 
 impl Place<'_> {
     fn wrong(&self, key: &str, what: impl std::fmt::Display, hint: &'static str) -> Error {
-        let line = self.study.lines.get(&format!("{}.{key}", self.path)).or_else(|| self.study.lines.get(&self.path));
-        let line = line.map_or_else(String::new, |line| format!("line {line}: "));
         let key = if key.is_empty() { String::new() } else { format!(".{key}") };
-        self.study.wrong(format!("{line}{}{key}: {what}", self.words), hint)
+        self.study.wrong(format!("{}{key}: {what}", self.words), hint)
     }
 
     /// Fails where a name is not among those that are known.
@@ -365,13 +356,13 @@ mod tests {
                          numbers = [{ what = 'n', arm = 'last', of = 'psnr' }]\n";
 
     #[test]
-    fn an_unusable_claim_is_refused_with_its_line_and_valid_names() {
+    fn an_unusable_claim_is_refused_with_its_place_and_valid_names() {
         assert!(Study::from_toml(STUDY, "x.toml").is_ok());
         for (from, to, expected) in [
             (
                 "arm = 'a', of",
                 "arm = 'd', of",
-                "line 17: claim `c`: circumstances.0.arm: there is no `d`: it has a, b, last",
+                "study `x`: claim `c`: circumstances.0.arm: there is no `d`: it has a, b, last",
             ),
             (
                 "of = 'psnr', above",
@@ -391,7 +382,7 @@ mod tests {
             ("above = 3", "less = { arms = ['z'] }, above = 3", "there is no `z`: it has a, b, last"),
             ("[{ arm = 'a', of = 'psnr', above = 3 }]", "[]", "claim `c`: circumstances: there are none"),
             ("arm = 'last', of = 'psnr'", "arm = 'last', of = 'psnr', below = 3", "numbers.0: is a number"),
-            ("among = ['a', 'b']", "among = ['a', 'd']", "line 11: choice `last`.among: there is no `d`"),
+            ("among = ['a', 'b']", "among = ['a', 'd']", "study `x`: choice `last`.among: there is no `d`"),
             ("name = 'last'", "name = 'a'", "choice `a`.name: an arm has this name"),
             ("seeds = [0]", "seeds = [0]\nmeasure = ['end']", "unknown name `end`"),
             ("['paper']", "['paper-64px']\nmeasure = ['shapes']", "`paper-64px` does not have the paper's shapes"),

@@ -9,7 +9,6 @@ use super::{
     claim::{Choice, StatedClaim},
     clock::Clock,
     column::Measure,
-    key_lines::KeyLines,
     selection::Quick,
     target::DatasetReading,
 };
@@ -88,9 +87,6 @@ pub struct Study {
     /// What the study's runs confirm or refute.
     #[serde(default, rename = "claim", skip_serializing_if = "Vec::is_empty")]
     pub(crate) claims: Vec<StatedClaim>,
-    /// The lines of the file's keys.
-    #[serde(skip)]
-    pub(crate) lines: KeyLines,
 }
 
 gs_core::impl_with!(Study);
@@ -137,16 +133,6 @@ impl Study {
             error => Error::Fit(error),
         };
         let mut study: Self = parse_settings(text, Path::new(origin)).map_err(wrong)?;
-        study.lines = KeyLines::of(text);
-        let lines = &study.lines;
-        for (index, arm) in study.arms.iter_mut().enumerate() {
-            arm.lines = lines.below(&format!("arm.{index}"));
-        }
-        for (f, factor) in study.factors.iter_mut().enumerate() {
-            for (l, level) in factor.levels.iter_mut().enumerate() {
-                level.lines = lines.below(&format!("factor.{f}.level.{l}"));
-            }
-        }
         study.expand()?;
         study.arms.extend(arms);
         study.validate()?;

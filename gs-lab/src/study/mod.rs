@@ -11,7 +11,6 @@ mod clock;
 mod column;
 mod definition;
 pub(crate) mod digest;
-mod key_lines;
 mod machine;
 pub mod overrides;
 mod plan;

@@ -33,18 +33,8 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
 /// `settings` with the values of `over` in place of their own.
 ///
 /// # Errors
-/// The path of the wrong value in `over`, if one is to blame, and what is wrong: an unknown key, or a value
-/// that is not possible.
-pub fn applied_to<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, (Option<String>, String)> {
-    let place = || culprit(over, |part| applied(settings, part).is_ok());
-    applied(settings, over).map_err(|problem| (place(), problem))
-}
-
-/// `settings` with the values of `over` in place of their own.
-///
-/// # Errors
 /// What is wrong with `over`: an unknown key, or a value that is not possible.
-pub(crate) fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, String> {
+pub fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, String> {
     let unreadable = |error: toml::de::Error| error.to_string();
     let text = settings.to_toml().map_err(|error| error.to_string())?;
     let mut table: Table = text.parse().map_err(unreadable)?;
@@ -58,59 +48,10 @@ pub(crate) fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, 
 
 /// `settings` with the rounds of density control of `over`. Call this before a policy is chosen,
 /// because some policies depend on the rounds. Rounds that are not possible are ignored here;
-/// [`applied_to`] reports them.
+/// [`applied`] reports them.
 pub fn with_rounds<T: SettingsFile>(settings: T, over: &Table) -> T {
     let Some(rounds) = over.get("rounds") else { return settings };
     applied(&settings, &Table::from_iter([("rounds".to_owned(), rounds.clone())])).unwrap_or(settings)
-}
-
-/// The path of the value in `over` that makes it fail: the one without which it is possible, or
-/// else the first value with which, added to those before it, it becomes impossible. Kinds come
-/// first, as other values depend on them.
-pub(crate) fn culprit(over: &Table, is_possible: impl Fn(&Table) -> bool) -> Option<String> {
-    let mut leaves = Vec::new();
-    collect(over, &mut Vec::new(), &mut leaves);
-    let is_kind = |path: &Vec<String>| path.last().is_some_and(|key| key == "kind");
-    let without = |path: &Vec<String>| {
-        let mut rest = over.clone();
-        remove(&mut rest, path);
-        is_possible(&rest)
-    };
-    let (kinds, others): (Vec<_>, Vec<_>) = leaves.into_iter().partition(is_kind);
-    if let Some(path) = others.iter().chain(&kinds).find(|path| without(path)) {
-        return Some(path.join("."));
-    }
-    let ordered: Vec<_> = kinds.into_iter().chain(others).collect();
-    let with_first = |count: usize| {
-        let mut part = over.clone();
-        ordered[count..].iter().for_each(|path| remove(&mut part, path));
-        is_possible(&part)
-    };
-    (1..=ordered.len()).find(|&count| !with_first(count)).map(|count| ordered[count - 1].join("."))
-}
-
-/// Collects the paths of all values that are no tables, and of empty tables.
-fn collect(table: &Table, path: &mut Vec<String>, leaves: &mut Vec<Vec<String>>) {
-    for (key, value) in table {
-        path.push(key.clone());
-        match value {
-            Value::Table(table) if !table.is_empty() => collect(table, path, leaves),
-            _ => leaves.push(path.clone()),
-        }
-        path.pop();
-    }
-}
-
-/// Removes a value, and the tables that become empty.
-fn remove(table: &mut Table, path: &[String]) {
-    let Some((key, rest)) = path.split_first() else { return };
-    if let (Some(Value::Table(inner)), false) = (table.get_mut(key), rest.is_empty()) {
-        remove(inner, rest);
-        if !inner.is_empty() {
-            return;
-        }
-    }
-    table.remove(key);
 }
 
 #[cfg(test)]
@@ -176,20 +117,5 @@ mod tests {
         assert_eq!(settings.policy, Policy::from_name("mcmc").unwrap());
         let wrong = applied(&TrainSettings::default(), &"rebin-every = 4".parse().unwrap()).unwrap_err();
         assert!(wrong.starts_with("unknown key `rebin-every`"), "{wrong}");
-    }
-
-    #[test]
-    fn the_value_that_is_wrong_is_found() {
-        let is_possible = |over: &Table| applied(&FitSettings::paper(), over).is_ok_and(|s| s.validate().is_ok());
-        for (over, expected) in [
-            ("iterations = 7\niteration = 7", "iteration"),
-            ("adam.mean.learning-rate = 1.0\nadam.mean.rate = 1.0", "adam.mean.rate"),
-            ("policy = { kind = 'none', percent = 5 }", "policy.percent"),
-            ("policy = { kind = 'everything' }\niterations = 3", "policy.kind"),
-            ("policy = { kind = 'percentile', percent = 500 }", "policy.percent"),
-            ("iterations = 'a'\nseedling = 3", "iterations"),
-        ] {
-            assert_eq!(culprit(&over.parse().unwrap(), is_possible).as_deref(), Some(expected), "{over}");
-        }
     }
 }

@@ -13,7 +13,7 @@ use super::{
     digest,
     machine::Machine,
     overrides::{self, applied},
-    settings::{ArmSettings, Asked, Planned, WrongKey},
+    settings::{ArmSettings, Asked, Planned},
     target::{Places, StudyTarget, TargetContent},
 };
 use crate::error::Error;
@@ -77,8 +77,8 @@ impl Plan {
             let (seed, budget) = (study.seeds[place / budgets], study.budgets[place % budgets]);
             let (of, content) = (&study.arms[arm], &targets[target]);
             let settings = settings(&Asked { study: &study, arm: of, budget }, content, seed)?;
-            let address = address(&study, of, &settings, content, &machine.name)
-                .map_err(|message| wrong(&study, of, None, message))?;
+            let address =
+                address(&study, of, &settings, content, &machine.name).map_err(|message| wrong(&study, of, message))?;
             Ok(Run { row: index + 1, arm, target, budget, seed, settings, address })
         };
         let count = study.seeds.len() * budgets * targets.len() * arms;
@@ -131,7 +131,7 @@ impl Plan {
     pub(crate) fn policy_is_elsewhere(&self, arm: &Arm) -> Error {
         let message = "its policy is code that this program does not have: do its runs with the program \
                        that has it, such as gaussian_splats.Study of Python";
-        wrong(&self.study, arm, None, message.to_owned())
+        wrong(&self.study, arm, message.to_owned())
     }
 
     /// The runs of this plan in words. The plan may be a part of a study, which has `all` runs:
@@ -168,45 +168,21 @@ fn settings_of<S: Planned>(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -
     let Asked { study, arm, .. } = *asked;
     let is_of_other_kind = |own: &AnyPolicy| !matches!(own, AnyPolicy::Elsewhere) && S::own(own).is_none();
     if arm.own_policy.as_ref().is_some_and(|own| is_of_other_kind(&own.policy)) {
-        return Err(wrong(study, arm, None, "its own policy is for the other kind of scene".to_owned()));
+        return Err(wrong(study, arm, "its own policy is for the other kind of scene".to_owned()));
     }
-    let start = S::start_settings(asked, target)
-        .map_err(|WrongKey { key, message }| wrong(study, arm, Some(key), format!("{key}: {message}")))?;
+    let start = S::start_settings(asked, target).map_err(|message| wrong(study, arm, message))?;
     let mut over = study.settings.clone();
     overrides::lay_upon(&mut over, &arm.settings);
-    let possible = |over: &toml::Table| {
-        let settings = S::completed(applied(&start, over)?, seed);
+    let possible = || {
+        let settings = S::completed(applied(&start, &over)?, seed);
         settings.validate().map_err(|error| error.to_string())?;
-        Ok::<_, String>(settings)
+        Ok(settings)
     };
-    possible(&over).map_err(|message| {
-        let culprit = overrides::culprit(&over, |part| possible(part).is_ok());
-        let Some(key) = culprit.map(|path| format!("settings.{}", until_unknown(&path, &message))) else {
-            return wrong(study, arm, None, message);
-        };
-        wrong(study, arm, Some(&key), format!("{key}: {message}"))
-    })
+    possible().map_err(|message: String| wrong(study, arm, format!("settings: {message}")))
 }
 
-/// The path up to the key that a message calls unknown, which may be that of a table.
-fn until_unknown<'p>(path: &'p str, message: &str) -> &'p str {
-    let rest = ["unknown key `", "unknown name `"].iter().find_map(|start| message.strip_prefix(start));
-    let Some(word) = rest.and_then(|rest| rest.split('`').next()) else { return path };
-    let mut end = 0;
-    for key in path.split('.') {
-        end += key.len();
-        if key == word {
-            return &path[..end];
-        }
-        end += 1;
-    }
-    path
-}
-
-/// The error of an arm, at the line of its key, or of the study's where the arm does not have it.
-fn wrong(study: &Study, arm: &Arm, key: Option<&str>, message: String) -> Error {
-    let line = key.and_then(|key| arm.lines.get(key).or_else(|| study.lines.get(key))).or_else(|| arm.line());
-    Error::Arm { study: study.name.clone(), line, arm: arm.name.clone(), message }
+fn wrong(study: &Study, arm: &Arm, message: String) -> Error {
+    Error::Arm { study: study.name.clone(), arm: arm.name.clone(), message }
 }
 
 fn address(
@@ -301,21 +277,13 @@ mod tests {
             (
                 "name = 'b'",
                 "name = 'b'\npolicy = 'percentil'",
-                "line 12: arm `b`: policy: policy is `percentil`, but must be one of absolute",
+                "study `x`: arm `b`: policy: policy is `percentil`, but must be one of absolute",
             ),
             ("name = 'b'", "name = 'a'", "\"a\" is listed twice"),
             ("name = 'b'", "name = 'a/b'", "its name is not a word"),
             ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),
-            (
-                "'percentile'",
-                "'percentil'",
-                "study `x`: line 12: arm `b`: settings.policy.kind: unknown name `percentil`",
-            ),
-            (
-                "shrink = 2.0",
-                "shrink = 0.5",
-                "line 7: arm `a`: settings.policy.actions.densify.shrink: densify.shrink is 0.5",
-            ),
+            ("'percentile'", "'percentil'", "study `x`: arm `b`: settings: unknown name `percentil`"),
+            ("shrink = 2.0", "shrink = 0.5", "study `x`: arm `a`: settings: densify.shrink is 0.5"),
             ("shrink = 2.0", "shrunk = 2.0", "shrunk"),
             ("settings.policy.actions", "settings.gaussians = 3\nsettings.policy.actions", "list it under budgets"),
             ("name = 'x'", "name = = 'x'", "a.toml: line 1: "),

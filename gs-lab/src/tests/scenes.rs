@@ -381,7 +381,7 @@ fn effects_of_factors_have_intervals() {
 }
 
 #[test]
-fn study_errors_name_the_key_and_line_in_one_line() {
+fn study_errors_name_the_place_and_the_key_in_one_line() {
     let place = place(2);
     let failed = |from: &str, to: &str| laid_out(&STUDY.replacen(from, to, 1), place.path()).unwrap_err().to_string();
     for (from, to, expected) in [
@@ -390,14 +390,14 @@ fn study_errors_name_the_key_and_line_in_one_line() {
         (
             "policy = 'none'",
             "settings.rebin-every = 4",
-            "study `small-3d`: line 14: arm `none`: settings.rebin-every: unknown key `rebin-every`",
+            "study `small-3d`: arm `none`: settings: unknown key `rebin-every`",
         ),
-        ("policy = 'none'", "policy = 'residual'", "line 14: arm `none`: policy: policy is `residual`"),
-        ("policy = 'none'", "preset = 'paper'", "line 14: arm `none`: preset: there is no preset `paper` for scenes"),
-        ("policy = 'none'", "start = 'depths'", "line 14: arm `none`: start: start is depths"),
+        ("policy = 'none'", "policy = 'residual'", "arm `none`: policy: policy is `residual`"),
+        ("policy = 'none'", "preset = 'paper'", "arm `none`: preset: there is no preset `paper` for scenes"),
+        ("policy = 'none'", "start = 'depths'", "arm `none`: start: start is depths"),
         ("policy = 'none'", "start = 'nowhere'", "unknown name `nowhere`"),
         ("holdout = 4", "hold-out = 4", "line 8: unknown key `hold-out` in [dataset]: did you mean `holdout`?"),
-        ("sh-degree = 1", "sh-degree = 7", "line 10: arm `none`: settings.render.effects.sh-degree: "),
+        ("sh-degree = 1", "sh-degree = 7", "arm `none`: settings: "),
         ("exactly = true", "gaussians = 7", "`gaussians` is not for settings"),
         ("scenes = ['one', 'two']", "images = ['paper']", "[dataset] is for scenes"),
         ("scenes = ['one', 'two']", "scenes = []", "images: there are none"),

@@ -68,6 +68,6 @@ fn unsupported_settings_are_refused_before_any_run() {
     let place = tempfile::tempdir().unwrap();
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
     let refused = conduct(&plan, &[&wgpu()], &folder, &WorkSettings::default(), &()).unwrap_err().to_string();
-    assert!(refused.starts_with("study `lost`: line 11: arm `smooth`: backend wgpu does not offer"), "{refused}");
+    assert!(refused.starts_with("study `lost`: arm `smooth`: backend wgpu does not offer"), "{refused}");
     assert!(Results::read(&plan, &folder).unwrap().records.iter().all(Option::is_none));
 }

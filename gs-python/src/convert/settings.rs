@@ -94,10 +94,7 @@ pub(crate) fn with<T: SettingsFile>(argument: &str, settings: T, over: Option<&B
         None => Ok(settings),
         Some(over) => {
             let over = table(argument, over)?;
-            overrides::applied_to(&settings, &over).map_err(|(key, problem)| {
-                let place = [argument.to_owned()].into_iter().chain(key).collect::<Vec<_>>().join(".");
-                errors::value(&place, problem)
-            })
+            overrides::applied(&settings, &over).map_err(|problem| errors::value(argument, problem))
         }
     }
 }

@@ -113,7 +113,7 @@ impl RenderArgs {
     fn with_accuracy(&self, settings: RenderSettings) -> Result<RenderSettings, Failure> {
         let Some(accuracy) = &self.accuracy else { return Ok(settings) };
         let over = Table::from_iter([("accuracy".to_owned(), accuracy.clone().into())]);
-        let settings = overrides::applied_to(&settings, &over).map_err(|(_, problem)| problem);
+        let settings = overrides::applied(&settings, &over);
         let settings = settings.map_err(|problem| Failure::usage(problem).at("--accuracy"))?;
         settings.validate().map_err(|error| Failure::usage(error).at("--accuracy"))?;
         Ok(settings)

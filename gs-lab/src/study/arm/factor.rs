@@ -6,7 +6,7 @@ use toml::{Table, Value};
 use super::Arm;
 use crate::{
     error::Error,
-    study::{definition::Study, key_lines::joined, overrides},
+    study::{definition::Study, overrides},
 };
 
 /// A factor of a factorial design, such as the policy or the initialization. The arms of a study
@@ -74,8 +74,6 @@ fn combined(arm: &Arm, level: &Arm, index: usize) -> Result<Arm, String> {
     }
     let mut settings = arm.settings.clone();
     overrides::lay_upon(&mut settings, &level.settings);
-    let mut lines = level.lines.clone();
-    lines.extend(&arm.lines);
     Ok(Arm {
         name: words(|arm| &arm.name, JOINT),
         about: words(|arm| &arm.about, " "),
@@ -89,7 +87,6 @@ fn combined(arm: &Arm, level: &Arm, index: usize) -> Result<Arm, String> {
         own_policy: level.own_policy.as_ref().or(arm.own_policy.as_ref()).cloned(),
         settings,
         levels: arm.levels.iter().copied().chain([index]).collect(),
-        lines,
     })
 }
 
@@ -103,7 +100,7 @@ fn either<T: Clone>(key: &str, one: &Option<T>, other: &Option<T>) -> Result<Opt
 /// The path of a value that both tables have.
 fn shared(one: &Table, other: &Table, path: &str) -> Option<String> {
     one.iter().find_map(|(key, value)| {
-        let path = joined(path, key);
+        let path = format!("{path}.{key}");
         match (value, other.get(key)?) {
             (Value::Table(one), Value::Table(other)) => shared(one, other, &path),
             _ => Some(path),

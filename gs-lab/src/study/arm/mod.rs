@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use self::factor::Factor;
 pub use self::pose_error::PoseError;
-use super::key_lines::KeyLines;
 
 gs_core::impl_with!(Arm);
 
@@ -63,9 +62,6 @@ pub struct Arm {
     /// The level of each of the study's factors, where the arm is a combination of them.
     #[serde(skip)]
     pub(crate) levels: Vec<usize>,
-    /// The lines of the arm's keys; none for an arm that is not from a file.
-    #[serde(skip)]
-    pub(crate) lines: KeyLines,
 }
 
 impl Arm {
@@ -84,7 +80,6 @@ impl Arm {
             own_policy: None,
             settings: toml::Table::new(),
             levels: Vec::new(),
-            lines: KeyLines::default(),
         }
     }
 
@@ -116,12 +111,6 @@ impl Arm {
             (None, true) => StartName::usual_for(dataset, settings),
             (None, false) => StartName::usual(dataset),
         }
-    }
-
-    /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is not
-    /// from a file.
-    pub(crate) fn line(&self) -> Option<usize> {
-        self.lines.get("name")
     }
 }
 

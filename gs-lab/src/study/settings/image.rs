@@ -4,24 +4,24 @@ use gs_core::{Choice as _, Scene2d};
 use gs_density::Policy;
 use gs_train::{CustomPolicy, FitSettings, InitialCount, Preset};
 
-use super::{Asked, Planned, WrongKey};
+use super::{Asked, Planned, wrong};
 use crate::study::{arm::AnyPolicy, target::StudyTarget};
 
 impl Planned for Scene2d {
-    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<FitSettings, WrongKey> {
+    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<FitSettings, String> {
         let size = target.image().map_or((1, 1), |image| image.size());
         let preset = Preset::from_name(asked.preset()).ok_or_else(|| {
             let known = Preset::ALL.map(Preset::name).join(", ");
-            WrongKey::new("preset", format!("there is no preset `{}` for images: those are {known}", asked.preset()))
+            wrong("preset", format!("there is no preset `{}` for images: those are {known}", asked.preset()))
         })?;
         if asked.arm.start.is_some() {
-            return Err(WrongKey::new("start", "is for scenes: an image starts from settings.init"));
+            return Err(wrong("start", "is for scenes: an image starts from settings.init"));
         }
         if asked.arm.like_gs_train {
-            return Err(WrongKey::new("like-gs-train", "is for scenes"));
+            return Err(wrong("like-gs-train", "is for scenes"));
         }
         if asked.arm.pose_error.is_some() {
-            return Err(WrongKey::new("pose-error", "is for scenes"));
+            return Err(wrong("pose-error", "is for scenes"));
         }
         let mut settings = match (preset, asked.iterations()) {
             (Preset::Paper, iterations) => {
@@ -33,7 +33,7 @@ impl Planned for Scene2d {
             (preset, None) => preset.settings(asked.budget, size),
         };
         if let Some(name) = &asked.arm.policy {
-            settings.policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
+            settings.policy = Policy::from_name(name).map_err(|error| wrong("policy", error))?;
         }
         Ok(match asked.arm.parameterization {
             Some(parameterization) => settings.with_parameterization(parameterization),

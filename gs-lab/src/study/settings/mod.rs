@@ -3,6 +3,8 @@
 mod image;
 mod scene;
 
+use std::fmt::Display;
+
 use gs_core::{RenderSettings, effects::Statistics};
 use gs_train::{CustomPolicy, Error as TrainError, FitSettings, SettingsFile as _, TrainSettings, Trainable};
 
@@ -29,23 +31,16 @@ impl Asked<'_> {
     }
 }
 
-/// A key of an arm whose value is not possible, and why.
-#[derive(Debug)]
-pub(crate) struct WrongKey {
-    pub(crate) key: &'static str,
-    pub(crate) message: String,
-}
-
-impl WrongKey {
-    pub(crate) fn new(key: &'static str, message: impl ToString) -> Self {
-        Self { key, message: message.to_string() }
-    }
+/// The message that the value of a key of an arm is not possible, and why.
+fn wrong(key: &str, why: impl Display) -> String {
+    format!("{key}: {why}")
 }
 
 /// The kind of scene of a run, as far as a plan needs it.
 pub(crate) trait Planned: Trainable {
-    /// The settings of an arm before its table of settings, without the seed.
-    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<Self::Settings, WrongKey>;
+    /// The settings of an arm before its table of settings, without the seed. An error is which of its keys is
+    /// wrong, and why.
+    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<Self::Settings, String>;
 
     /// The settings with the seed, and with numbers that depend on others.
     fn completed(settings: Self::Settings, seed: u32) -> Self::Settings;

@@ -5,23 +5,23 @@ use gs_density::Policy;
 use gs_io::dataset::Split;
 use gs_train::{CustomPolicy, TrainPreset, TrainSettings};
 
-use super::{Asked, Planned, WrongKey};
+use super::{Asked, Planned, wrong};
 use crate::study::{arm::AnyPolicy, overrides, target::StudyTarget};
 
 impl Planned for Scene3d {
-    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<TrainSettings, WrongKey> {
+    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<TrainSettings, String> {
         let preset = TrainPreset::from_name(asked.preset()).ok_or_else(|| {
             let known = TrainPreset::ALL.map(TrainPreset::name).join(", ");
-            WrongKey::new("preset", format!("there is no preset `{}` for scenes: those are {known}", asked.preset()))
+            wrong("preset", format!("there is no preset `{}` for scenes: those are {known}", asked.preset()))
         })?;
         let Some(dataset) = target.dataset() else {
-            return Err(WrongKey::new("preset", "is for scenes"));
+            return Err(wrong("preset", "is for scenes"));
         };
         if let Some(start) = asked.arm.start {
-            start.of(dataset).map_err(|error| WrongKey::new("start", format!("{error} ({})", target.label())))?;
+            start.of(dataset).map_err(|error| wrong("start", format!("{error} ({})", target.label())))?;
         }
         if let Some(error) = &asked.arm.pose_error {
-            error.validate().map_err(|error| WrongKey::new("pose-error", error))?;
+            error.validate().map_err(|error| wrong("pose-error", error))?;
         }
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
         let mut settings = preset.settings_for(asked.iterations(), dataset.kind, cameras);
@@ -39,12 +39,12 @@ impl Planned for Scene3d {
             settings = overrides::with_rounds(settings, over);
         }
         if let Some(name) = &asked.arm.policy {
-            let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
+            let policy = Policy::from_name(name).map_err(|error| wrong("policy", error))?;
             settings = settings.with_policy(policy);
-            settings.policy.validate_3d().map_err(|error| WrongKey::new("policy", error))?;
+            settings.policy.validate_3d().map_err(|error| wrong("policy", error))?;
         }
         let parameterization = asked.arm.parameterization.unwrap_or_default();
-        parameterization.check_3d().map_err(|error| WrongKey::new("parameterization", error))?;
+        parameterization.check_3d().map_err(|error| wrong("parameterization", error))?;
         Ok(settings)
     }
 
