@@ -21,12 +21,12 @@ pub use self::{claim::significant, tables::Results};
 pub(crate) use self::{
     claim::{Circumstance, Claim, ClaimVerdict, claims_csv, verdicts},
     comparison::Difference,
-    contrast::{EQUAL_COUNT, Judged},
+    contrast::Judged,
     export::{csv_row, write_tables},
     factorial::{Effect, EffectOf},
     reach::Reach,
     remark::{FEWEST_SEEDS, ResultRemark},
-    statistics::{CONFIDENCE, FEWEST, Interval, RESAMPLES, mean, median},
+    statistics::{FEWEST, Interval, mean, median},
     tables::{Metric, RunQuality, Spread},
     verdict::Verdict,
 };

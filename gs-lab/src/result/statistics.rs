@@ -7,7 +7,7 @@ use probability::distribution::{Beta, Distribution, Gaussian, Inverse};
 use rand::{RngExt, SeedableRng};
 
 /// Number of bootstrap resamples.
-pub(crate) const RESAMPLES: usize = 10_000;
+const RESAMPLES: usize = 10_000;
 
 /// Fewest pairs for a verdict. With five, the interval is at most as wide as the values' range, and
 /// without a true difference all five have the same sign in one of sixteen studies: more often than
@@ -15,7 +15,7 @@ pub(crate) const RESAMPLES: usize = 10_000;
 pub(crate) const FEWEST: usize = 6;
 
 /// Nominal coverage of the intervals.
-pub(crate) const CONFIDENCE: f64 = 0.95;
+const CONFIDENCE: f64 = 0.95;
 
 /// Seed of the resampling; fixed, so that equal data give equal tables.
 const SEED: u64 = 0x6773_2d73_7475_6479;

@@ -139,7 +139,7 @@ fn the_report_shows_held_out_views_with_their_errors() {
     for expected in [
         "one, view images/0.png",
         "two, view images/4.png",
-        "held-out view by held-out view",
+        "other seeds and views of these scenes",
         "2 scenes",
         "3 seeds on 2 scenes are too few (an interval needs 4 seeds, or 6 scenes)",
         "one (6 views and 2 held out, 32×24 px, 8 points)",

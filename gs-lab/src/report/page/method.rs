@@ -1,14 +1,10 @@
 //! The last part of the page: settings of the arms, failed runs, and the method.
 
-use crate::result::{CONFIDENCE, FEWEST, RESAMPLES};
 use maud::{Markup, html};
 
 use crate::{
-    report::page::{
-        Page,
-        words::{capital, grouped},
-    },
-    result::{EQUAL_COUNT, FEWEST_SEEDS},
+    report::page::{Page, words::capital},
+    result::FEWEST,
     run::RunOutcome,
     study::{Arm, Clock, Run, StudyTarget, VERSION},
 };
@@ -68,63 +64,27 @@ impl Page<'_> {
 
     pub(super) fn method(&self) -> Markup {
         let plan = self.results.plan;
-        let is_of_scenes = plan.study.is_of_scenes();
-        let one = if is_of_scenes { "a scene" } else { "an image" };
         let side_by_side = self.results.records.iter().flatten().filter_map(|record| record.outcome.finished());
         let (jobs, backends) = side_by_side.fold((1, Vec::new()), |(jobs, mut backends), run| {
-            if !backends.contains(&&run.backend) {
+            if !backends.contains(&run.backend.as_str()) {
                 backends.push(&run.backend);
             }
             (run.side_by_side.max(jobs), backends)
         });
+        let clock = if plan.study.clock == Clock::Cpu { "CPU time of the process" } else { "wall time" };
         html! {
             section {
                 h2 { "How this was done" }
+                p { "docs/studies/README.md of gs says how arms are compared." }
                 ul {
-                    li { "Every arm was " @if is_of_scenes { "trained on every scene" } @else { "fitted to every image" }
-                        " at every budget from every seed with the same rasterizer. Each run is a row of "
-                        code { "runs.csv" } "; " code { "runs/" } " has a file for each address, with its settings; a run always ends in the same scene, bit for bit." }
-                    @if is_of_scenes {
-                        li { "Differences are taken held-out view by held-out view. Views of one scene are related, and so are those of one run; "
-                            "intervals therefore come from a two-level bootstrap, which draws groups of views as a whole before it draws views in them. "
-                            @if plan.targets.len() < FEWEST {
-                                "The groups are the runs of each scene from its seeds: with fewer than " (FEWEST) " scenes nothing can be said about "
-                                "other scenes, so the scenes are fixed, and verdicts hold for other seeds and views of these. "
-                            } @else {
-                                "The groups are the scenes, of which each view has its mean over seeds: verdicts hold for other scenes of the same kind. "
-                            }
-                            "Drawing views as well makes the intervals a little wider than necessary." }
+                    @if plan.study.is_of_scenes() {
+                        li { "Verdicts hold for " @if plan.targets.len() < FEWEST {
+                            "other seeds and views of these scenes, as there are fewer than " (FEWEST)
+                        } @else { "other scenes of the same kind" } "." }
                     }
-                    li { @if !is_of_scenes {
-                            "Differences are taken image by image (after averaging over seeds), or seed by seed if there is one image only. "
-                        }
-                        "Intervals come from "
-                        (grouped(RESAMPLES as u32)) " bootstrap resamples"
-                        @if !is_of_scenes { " of at least " (FEWEST) " pairs" }
-                        ", with percentiles expanded for small samples "
-                        "(Hesterberg 2015), for a confidence of " (format!("{:.0}", 100.0 * CONFIDENCE)) " %. Of comparisons without a true difference, "
-                        "about one in twenty is reported as a difference." }
-                    li { "Equal count: the ends of the runs. Arms whose counts on " (one) " differ by more than "
-                        (format!("{:.0}", 100.0 * EQUAL_COUNT)) " %, run by run, are not judged. Equal iterations: PSNR at the last step that all arms of "
-                        "the study have reached on " (one) ", interpolated between measurements (about twenty a run)." }
-                    li { "Equal time: an arm's time on " (one) " is the median over its runs, and each run is rescaled to that time, so that "
-                        "disturbances of single runs do not matter. Arms are compared when the study's fastest has ended; a slower one is then judged before the "
-                        "end of its schedule. There is no verdict if runs were timed on different backends, or with different numbers of runs side by side. "
-                        "Measuring is not part of the time."
-                        @if plan.study.clock == Clock::Cpu {
-                            " Times are CPU time of the process, which did one run at a time, so other programs on the machine change them little."
-                        } }
-                    li { "Failed runs are left out: arms are compared over the pairs of which both runs finished, and not at all if " (one) " "
-                        "has no such pair. A study should have " (FEWEST_SEEDS) " seeds or more." }
-                    li { "Times are those of this machine: " (backends.iter().map(|b| b.as_str()).collect::<Vec<_>>().join(", "))
+                    li { "Times: " (clock) ", by " (backends.join(", "))
                         @if jobs > 1 { ", with up to " (jobs) " runs side by side, which slows all of them" } "." }
-                    li { "Results are of version " code { (VERSION) } " on " (plan.machine.name) ". In builds from a checkout, a digest of the sources that "
-                        "results depend on follows the +. Runs of other versions or machines are never reused." }
-                    @if !plan.study.factors.is_empty() {
-                        li { "A main effect is the difference that a level of a factor makes to its first level, on average over all combinations of the "
-                            "other factors. An interaction is the difference between such an effect at a level of another factor and at that factor's first "
-                            "level. Their intervals are those of the same sum of runs on each " (plan.study.target_word()) " and seed." }
-                    }
+                    li { "Version: " code { (VERSION) } " on " (plan.machine.name) "." }
                     li { (capital(self.targets())) ": "
                         (plan.targets.iter().map(StudyTarget::describe).collect::<Vec<_>>().join(", ")) "." }
                 }

@@ -5,14 +5,10 @@ use maud::{Markup, html};
 
 use crate::{
     report::{
-        page::{
-            Page,
-            words::{at_equal, gaussians},
-        },
+        page::{Page, words::at_equal},
         standings::{Standing, standings},
     },
     result::Results,
-    study::Matching,
 };
 
 /// A standing as a line of text.
@@ -40,16 +36,6 @@ fn names(results: &Results<'_>, arms: &[usize]) -> String {
 
 impl Page<'_> {
     pub(super) fn winners(&self) -> Markup {
-        let study = &self.results.plan.study;
-        let standings = standings(self.results);
-        let cell = |matching: Matching, budget: u32| {
-            let found = standings.iter().find(|standing| (standing.matching, standing.budget) == (matching, budget));
-            html! {
-                td {
-                    @if let Some(standing) = found { (self.winner(standing)) } @else { span.quiet { "no runs yet" } }
-                }
-            }
-        };
         html! {
             section {
                 h2 { "Which arm wins, and where" }
@@ -57,31 +43,7 @@ impl Page<'_> {
                     "The arm with the highest mean PSNR. It wins if it is shown to be better than every other arm. Arms that it cannot be "
                     "distinguished from are listed, and arms without a verdict, with the reason."
                 }
-                div.wide { table.winners {
-                    thead { tr { th { } @for budget in &study.budgets { th { (gaussians(*budget)) } } } }
-                    tbody {
-                        @for &matching in &study.matchings {
-                            tr { th { (at_equal(matching)) } @for &budget in &study.budgets { (cell(matching, budget)) } }
-                        }
-                    }
-                } }
-            }
-        }
-    }
-
-    fn winner(&self, standing: &Standing) -> Markup {
-        let Standing { leader, next, indistinguishable, not_judged, .. } = standing;
-        html! {
-            (self.swatch(leader.0)) b { (self.results.plan.study.arms[leader.0].name) } " "
-            span.number { (format!("{:.2} dB", leader.1)) }
-            @if let (Some(next), true, true) = (next, indistinguishable.is_empty(), not_judged.is_empty()) {
-                br; span.verdict.better { "wins" } span.quiet { (format!(" by {:.2} dB", leader.1 - next)) }
-            }
-            @if !indistinguishable.is_empty() {
-                br; span.verdict { "can't be distinguished from " } (names(self.results, indistinguishable))
-            }
-            @for (why, arms) in not_judged {
-                br; span.quiet { "no verdict on " (names(self.results, arms)) ", because " (why) }
+                ul { @for standing in standings(self.results) { li { (headline(self.results, &standing)) } } }
             }
         }
     }
