@@ -41,13 +41,13 @@ pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
         decode(path, Orientation::AsStored)?;
     }
     let format = file.format;
-    let (mut decoder, colors, remarks) = file.decoder()?;
+    let (mut decoder, colors) = file.decoder()?;
     let (width, height) = decoder.dimensions();
     let upright = match decoder.orientation().map_err(|error| decoder_error(path, format, error))? {
         Turn::Rotate90 | Turn::Rotate270 | Turn::Rotate90FlipH | Turn::Rotate270FlipH => (height, width),
         _ => (width, height),
     };
-    Ok(ImageHeader { stored: (width, height), upright, remarks: with_remark(remarks, &colors) })
+    Ok(ImageHeader { stored: (width, height), upright, remarks: Vec::from_iter(colors.remark()) })
 }
 
 /// Reads an image in sRGB, with colour and alpha separate. The formats are those of
@@ -59,7 +59,7 @@ pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<StoredImag
 
 /// Reads an image in sRGB, in the samples of its file: converted colours are rounded to them.
 pub(crate) fn decode_samples(path: &Path, orientation: Orientation) -> Result<AnyPixels, Error> {
-    let (decoded, colors, _) = read_decoded(path, orientation, 0)?;
+    let (decoded, colors) = read_decoded(path, orientation, 0)?;
     finite(path, AnyPixels::of_image(decoded, &colors))
 }
 
@@ -78,7 +78,7 @@ pub(super) fn decode_stored(path: &Path) -> Result<StoredImage, Error> {
 /// A mask may be in alpha, beside a single colour of all pixels that are not transparent. Where both colour and alpha vary, a pixel counts
 /// only if it is light and opaque, so their product is returned.
 pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
-    let (pixels, ..) = read_pixels(path, Orientation::AsStored)?;
+    let (pixels, _) = read_pixels(path, Orientation::AsStored)?;
     let white = match pixels {
         AnyPixels::Bits8(_) => Some(255.0),
         AnyPixels::Bits16(_) => Some(65535.0),
@@ -108,7 +108,7 @@ pub(crate) fn decode_grey(path: &Path) -> Result<((u32, u32), Vec<f32>), Error> 
     if let Some(wide) = WideTiff::open(path)? {
         return wide.values();
     }
-    let (pixels, ..) = read_pixels(path, Orientation::AsStored)?;
+    let (pixels, _) = read_pixels(path, Orientation::AsStored)?;
     let values = with_pixels!(&pixels, pixels => pixels.grey());
     let values = values.ok_or_else(|| Error::bad_depth(path, "it is an image with colours, but must be grey"))?;
     Ok((pixels.size(), values))
@@ -122,27 +122,22 @@ pub(crate) fn grey_size(path: &Path) -> Result<(u32, u32), Error> {
     }
 }
 
-fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemark> {
-    remarks.extend(colors.remark());
-    remarks
-}
-
 fn in_srgb(mut stored: StoredImage, colors: &Colors) -> StoredImage {
     colors.apply(stored.image.pixels_mut());
-    StoredImage { remarks: with_remark(stored.remarks, colors), ..stored }
+    StoredImage { remarks: Vec::from_iter(colors.remark()), ..stored }
 }
 
 /// The image as it is stored, without its profile, and how to convert its colours.
 fn read_stored(path: &Path, orientation: Orientation) -> Result<(StoredImage, Colors), Error> {
-    let (pixels, colors, remarks) = read_pixels(path, orientation)?;
+    let (pixels, colors) = read_pixels(path, orientation)?;
     let (image, alpha) = pixels.to_image().map_err(Error::content(path))?;
-    Ok((StoredImage { image, alpha, profile: None, remarks }, colors))
+    Ok((StoredImage { image, alpha, profile: None, remarks: Vec::new() }, colors))
 }
 
-/// The stored pixels, how to convert their colours, and remarks on the file.
-fn read_pixels(path: &Path, orientation: Orientation) -> Result<(AnyPixels, Colors, Vec<ImageRemark>), Error> {
-    let (decoded, colors, remarks) = read_decoded(path, orientation, size_of::<[f32; 4]>())?;
-    Ok((finite(path, AnyPixels::of_image(decoded, &Colors::AsStored))?, colors, remarks))
+/// The stored pixels, and how to convert their colours.
+fn read_pixels(path: &Path, orientation: Orientation) -> Result<(AnyPixels, Colors), Error> {
+    let (decoded, colors) = read_decoded(path, orientation, size_of::<[f32; 4]>())?;
+    Ok((finite(path, AnyPixels::of_image(decoded, &Colors::AsStored))?, colors))
 }
 
 /// The pixels, unless one is NaN or infinite.
@@ -156,25 +151,21 @@ fn finite(path: &Path, pixels: AnyPixels) -> Result<AnyPixels, Error> {
     Err(Error::unusable(path, problem, "repair it in an image editor"))
 }
 
-/// The decoded image, how to convert its colours, and remarks on the file. The caller needs `beside`
+/// The decoded image, and how to convert its colours. The caller needs `beside`
 /// more bytes for each pixel.
-fn read_decoded(
-    path: &Path,
-    orientation: Orientation,
-    beside: usize,
-) -> Result<(DynamicImage, Colors, Vec<ImageRemark>), Error> {
+fn read_decoded(path: &Path, orientation: Orientation, beside: usize) -> Result<(DynamicImage, Colors), Error> {
     let mut file = ImageFile::open(path)?;
     file.check_end()?;
     let format = file.format;
     let damaged = |error| decoder_error(path, format, error);
-    let (mut decoder, colors, remarks) = file.decoder()?;
+    let (mut decoder, colors) = file.decoder()?;
     let turned = decoder.orientation().map_err(damaged)?;
     check_memory(&decoder, beside).map_err(Error::content(path))?;
     let mut decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     if orientation == Orientation::Exif {
         decoded.apply_orientation(turned);
     }
-    Ok((decoded, colors, remarks))
+    Ok((decoded, colors))
 }
 
 /// Allocates and frees the memory that decoding needs, because decoders abort where allocation
@@ -218,13 +209,11 @@ impl<'a> ImageFile<'a> {
         }
     }
 
-    /// A decoder that has read the header of an image of a valid size, how to convert colours, and
-    /// remarks on the file.
-    fn decoder(&mut self) -> Result<(impl ImageDecoder, Colors, Vec<ImageRemark>), Error> {
+    /// A decoder that has read the header of an image of a valid size, and how to convert colours.
+    fn decoder(&mut self) -> Result<(impl ImageDecoder, Colors), Error> {
         let Self { path, format, reader } = self;
         let format = *format;
         let read = |error| Error::read(path, error);
-        let mut remarks = Vec::from_iter(whole::more_than_one(format, reader).map_err(read)?);
         if format == ImageFormat::Jpeg && whole::jpeg_channels(reader).map_err(read)? == Some(4) {
             return Err(kind::cmyk(path, "jpg"));
         }
@@ -233,8 +222,6 @@ impl<'a> ImageFile<'a> {
             // Errors are reported by the other decoder.
             if let Ok(png) = png::Decoder::new(&mut *reader).read_info() {
                 colors = Colors::of_png(png.info());
-                let animated = png.info().animation_control.is_some_and(|animation| animation.num_frames > 1);
-                remarks.extend(animated.then_some(ImageRemark::FirstFrame));
             }
             reader.rewind().map_err(read)?;
         }
@@ -253,7 +240,7 @@ impl<'a> ImageFile<'a> {
                 false => Colors::of_profile(&icc),
             };
         }
-        Ok((decoder, colors, remarks))
+        Ok((decoder, colors))
     }
 }
 

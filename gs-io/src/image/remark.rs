@@ -6,12 +6,6 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Error)]
 #[non_exhaustive]
 pub enum ImageRemark {
-    /// The file is an animation; its first frame was read.
-    #[error("animated: only the first frame is used")]
-    FirstFrame,
-    /// The file has several pages; the first was read.
-    #[error("several pages: only the first is used")]
-    FirstPage,
     /// The colours were converted to sRGB.
     #[error("colours converted from {from} to sRGB")]
     Converted {

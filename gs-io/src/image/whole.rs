@@ -1,12 +1,8 @@
-//! Checks whether a file contains a whole image and only one, without decoding it.
+//! Checks whether a file contains a whole image, without decoding it.
 
-use std::io::{self, BufRead, Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom};
 
 use image::ImageFormat;
-use image_webp::WebPDecoder;
-use tiff::decoder::Decoder as TiffDecoder;
-
-use super::ImageRemark;
 
 /// Bytes at the end of a file in which the end marker is searched, because programs append data of
 /// their own.
@@ -69,33 +65,6 @@ pub(super) fn jpeg_channels(reader: &mut (impl Read + Seek)) -> io::Result<Optio
     };
     reader.rewind()?;
     Ok(channels)
-}
-
-/// The remark on a file with more than one image. For PNG, the header has this information. Decoders
-/// report what is damaged.
-pub(super) fn more_than_one(
-    format: ImageFormat,
-    reader: &mut (impl BufRead + Seek),
-) -> io::Result<Option<ImageRemark>> {
-    let remark = match format {
-        ImageFormat::WebP => {
-            WebPDecoder::new(&mut *reader).is_ok_and(|webp| webp.is_animated()).then_some(ImageRemark::FirstFrame)
-        }
-        ImageFormat::Gif => has_second_frame(&mut *reader).unwrap_or(false).then_some(ImageRemark::FirstFrame),
-        ImageFormat::Tiff => {
-            TiffDecoder::new(&mut *reader).is_ok_and(|tiff| tiff.more_images()).then_some(ImageRemark::FirstPage)
-        }
-        _ => None,
-    };
-    reader.rewind()?;
-    Ok(remark)
-}
-
-fn has_second_frame(reader: impl Read) -> Result<bool, gif::DecodingError> {
-    let mut options = gif::DecodeOptions::new();
-    options.skip_frame_decoding(true);
-    let mut frames = options.read_info(reader)?;
-    Ok(frames.next_frame_info()?.is_some() && frames.next_frame_info()?.is_some())
 }
 
 fn bytes(reader: &mut (impl Read + Seek), at: u64, count: u64) -> io::Result<Vec<u8>> {

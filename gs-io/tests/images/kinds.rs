@@ -1,9 +1,9 @@
 //! Messages about files that are not images, unreadable images, and files with several images.
 
-use std::{fs, io::Cursor};
+use std::fs;
 
 use gs_core::Image;
-use gs_io::{Animation, Error, ImageRemark, read_image, write_animation};
+use gs_io::{Animation, Error, read_image, write_animation};
 use image::{Frame, ImageBuffer, ImageFormat, codecs::gif::GifEncoder};
 
 use super::{encoded, folder, refusal, rgb_pattern, saved};
@@ -55,10 +55,10 @@ fn a_printers_colours_are_refused() {
     assert!(error.contains("CMYK") && error.ends_with("magick photo.jpg -profile sRGB.icc photo.png"), "{error}");
 }
 
-fn frames(count: u8) -> Vec<u8> {
+fn frames() -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = GifEncoder::new(&mut bytes);
-    for i in 0..count {
+    for i in 0..2 {
         let red = ImageBuffer::from_pixel(6, 4, image::Rgba([200 - 100 * i, 0, 0, 255]));
         encoder.encode_frame(Frame::new(red)).unwrap();
     }
@@ -95,29 +95,10 @@ fn animation_reads_first_frame() {
     let frame = |number: u32| Ok::<_, gs_io::Error>(Image::filled(6, 4, [1.0 - number as f32, 0.5, 0.0]).unwrap());
     write_animation(&path, animation, frame).unwrap();
     let apng = fs::read(&path).unwrap();
-    for (bytes, red) in [(frames(2), 200.0 / 255.0), (apng, 1.0), (animated_webp(), 0.0)] {
+    for (bytes, red) in [(frames(), 200.0 / 255.0), (apng, 1.0), (animated_webp(), 0.0)] {
         let loaded = read_image(saved(place.path(), "a", &bytes)).unwrap();
-        assert_eq!(loaded.remarks, [ImageRemark::FirstFrame]);
         assert_eq!((loaded.image.size(), loaded.image.pixel(0, 0)[0]), ((6, 4), red));
     }
-    assert_eq!(read_image(saved(place.path(), "a", &frames(1))).unwrap().remarks, []);
-}
-
-#[test]
-fn only_the_first_page_is_read_with_a_remark() {
-    let place = folder();
-    let mut bytes = Cursor::new(Vec::new());
-    rgb_pattern(6, 4).write_to(&mut bytes, ImageFormat::Tiff).unwrap();
-    let mut bytes = bytes.into_inner();
-    assert_eq!(read_image(saved(place.path(), "a.tif", &bytes)).unwrap().remarks, []);
-    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
-    let directory = number(4);
-    let next = directory + 2 + 12 * (number(directory) & 0xffff);
-    let end = bytes.len() as u32;
-    let second = bytes[directory..next + 4].to_vec();
-    bytes[next..next + 4].copy_from_slice(&end.to_le_bytes());
-    bytes.extend(second);
-    assert_eq!(read_image(saved(place.path(), "a.tif", &bytes)).unwrap().remarks, [ImageRemark::FirstPage]);
 }
 
 #[test]

@@ -33,8 +33,6 @@ DIR/dataset.
 DIR then holds:
   scene.ply        the Gaussians, for splat viewers; gs convert makes other formats of it
   views/           each held-out view: the image, and its rendering to the right
-  ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
-ellipses
   refined/         with refined poses, the data set with them: transforms.json and its points, and as \
 a text model of COLMAP
   evaluation.json  PSNR, SSIM, MS-SSIM and L1 of each held-out view, and their means

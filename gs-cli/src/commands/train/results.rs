@@ -10,15 +10,15 @@ use std::{
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
 use gs_core::{
-    Camera, Canvas, Choice as _, RenderSettings, Scene as _, Scene3d, counted,
+    Camera, Choice as _, RenderSettings, Scene as _, Scene3d, counted,
     effects::{Antialias, Effect, EffectDecision},
 };
 use gs_io::{
     TrainedWith, WorldFrame, WriteOptions3d,
     dataset::{Split, SplitOrigin, View},
-    write_3d, write_png,
+    write_3d,
 };
-use gs_lab::report::{curve::CurvePoint, ellipses};
+use gs_lab::report::curve::CurvePoint;
 use gs_train::{
     MetricsLog, Trainer3d,
     train::{
@@ -226,16 +226,13 @@ impl Results<'_> {
                 .map_err(Failure::failed)
                 .and_then(|text| self.run.folder.write("settings.toml", &text)),
             // Existing files are of an earlier fit.
-            self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png"]),
+            self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png", "ellipses.png"]),
             self.write_cameras(trainer),
             match !self.run.job.pictures {
-                true => self.run.folder.leave_out(["ellipses.png", "curve.svg"]),
+                true => self.run.folder.leave_out(["curve.svg"]),
                 false => self.write_curve(trainer.count(), points, log),
             },
         ];
-        if self.run.job.pictures {
-            tried.push(self.write_ellipses(trainer, &scene));
-        }
         phases.end("scene");
         let effects = self.run.job.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown());
         let gaussians = scene.len();
@@ -310,16 +307,6 @@ impl Results<'_> {
             split: self.input.dataset.split,
             effects,
         })
-    }
-
-    /// Draws the first of the views that evaluate the scene, with ellipses over it.
-    fn write_ellipses(&self, trainer: &Trainer3d<'_, AnyRasterizer>, scene: &Scene3d) -> Result<(), Failure> {
-        let Some(view) = trainer.evaluation_views().first().map(|view| view.camera) else { return Ok(()) };
-        let Canvas { width, height, .. } = ellipses::canvas_for(Canvas::new(view.width, view.height));
-        let camera = view.resized(width, height);
-        let mut picture = trainer.render_view(&camera).block_on()?.clamped();
-        ellipses::draw_3d(&mut picture, scene, &camera, &trainer.shown());
-        Ok(write_png(self.run.folder.file("ellipses.png"), &picture)?)
     }
 
     fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings, frame: WorldFrame) -> Result<(), Failure> {

@@ -1,5 +1,5 @@
 //! Draws the Gaussians of a scene as ellipses over its picture (paper Fig. 7): the outline at one
-//! standard deviation and the centre. 3D Gaussians are projected first.
+//! standard deviation and the centre.
 //!
 //! An outline is drawn from its distance field, not as a polygon: pixel `p` lies about (|z| − 1) /
 //! |∇|z|| from the ellipse, where z = L⁻¹ (p − μ) is the whitened offset. Each line is therefore
@@ -10,11 +10,7 @@
 use std::collections::HashSet;
 
 use glam::{Mat2, Vec2};
-use gs_core::{
-    Camera, Canvas, Image, RenderSettings, Scene, Scene2d, Scene3d,
-    math::perspective::{Ellipsoid, Perspective, Projection},
-    sigmoid,
-};
+use gs_core::{Canvas, Image, Scene2d, sigmoid};
 
 /// Pixels per Gaussian of a picture below which only a part of the Gaussians is drawn.
 const PIXELS_EACH: usize = 1_000;
@@ -24,9 +20,6 @@ const SQUARE_PX: f32 = 28.0;
 
 /// The number of ellipses above which lines are thin and centres are left out.
 const DENSE: usize = 500;
-
-/// The opacity below which 3D Gaussians are not drawn.
-const FAINT: f32 = 0.1;
 
 /// Colour of lines and centres: rare in images, and brighter than the seam.
 const INK: [f32; 3] = [1.0, 0.86, 0.1];
@@ -54,24 +47,6 @@ pub fn draw(picture: &mut Image, scene: &Scene2d, canvas: &Canvas) {
         Outline { mean: grid * (g.mean - canvas.origin), factor, matters: factor.determinant().abs() * strength }
     };
     draw_outlines(picture, scene.iter().map(outline).collect());
-}
-
-/// Draws the most important Gaussians of `scene` onto `picture`, a rendering through `camera` with
-/// the settings `render`. Importance is area × opacity; faint Gaussians are left out.
-pub fn draw_3d(picture: &mut Image, scene: &Scene3d, camera: &Camera, render: &RenderSettings) {
-    let perspective = Perspective::new(camera, render);
-    let seen = |index: usize| {
-        let (log_scale, rotation) = (scene.log_scales[index], scene.rotations[index]);
-        let ellipsoid =
-            Ellipsoid { mean: scene.means[index], log_scale, rotation, opacity_logit: scene.opacity_logits[index] };
-        let Projection { mean, covariance: [a, b, c], opacity, .. } = perspective.project(&ellipsoid).ok()?;
-        // Cholesky factor of the covariance.
-        let (width, shear) = (a.sqrt(), b / a.sqrt());
-        let factor = Mat2::from_cols(Vec2::new(width, shear), Vec2::new(0.0, (c - shear * shear).sqrt()));
-        let outline = Outline { mean, factor, matters: factor.determinant().abs() * opacity };
-        (opacity > FAINT).then_some(outline)
-    };
-    draw_outlines(picture, (0..scene.len()).filter_map(seen).collect());
 }
 
 /// A Gaussian in px of the picture.
@@ -185,7 +160,7 @@ impl Pen {
 mod tests {
     use super::*;
     use glam::Vec3;
-    use gs_core::{Blend, Gaussian2d, Gaussian3d};
+    use gs_core::{Gaussian2d, Scene as _};
 
     fn is_ink(picture: &Image, x: u32, y: u32) -> bool {
         picture.pixel(x, y).iter().zip(INK).all(|(v, ink)| (v - ink).abs() < 0.2)
@@ -211,28 +186,6 @@ mod tests {
         assert!(picture.pixel(29, 20)[2] < 0.6, "the seam around the line");
         let value = |x, y| picture.pixel(x, y);
         assert_eq!([value(24, 20), value(33, 20), value(0, 0)], [[1.0; 3]; 3], "and nothing else");
-    }
-
-    #[test]
-    fn a_3d_scene_is_outlined_as_it_is_projected() {
-        let mut camera = Camera::looking_forward(40, 40, 1.0);
-        camera.center = Vec2::splat(20.5);
-        // A disc of 8 px on its axis, and one that is too faint.
-        let sigma = 8.0 / camera.focal.x * 5.0;
-        let disc = |x, opacity_logit| Gaussian3d {
-            mean: Vec3::new(x, 0.0, 5.0),
-            log_scale: Vec3::new(sigma, sigma, 1e-3).map(f32::ln),
-            rotation: [1.0, 0.0, 0.0, 0.0],
-            opacity_logit,
-            sh: vec![Vec3::ZERO],
-        };
-        let mut scene = Scene3d::default();
-        [disc(0.0, 3.0), disc(0.3, -6.0)].into_iter().for_each(|gaussian| scene.push(gaussian));
-        let mut picture = Image::filled(40, 40, [1.0; 3]).unwrap();
-        draw_3d(&mut picture, &scene, &camera, &RenderSettings::blended(Blend::Over));
-        assert!(is_ink(&picture, 28, 20) && is_ink(&picture, 20, 12) && is_ink(&picture, 20, 20));
-        let value = |x, y| picture.pixel(x, y);
-        assert_eq!([value(24, 20), value(35, 20), value(2, 2)], [[1.0; 3]; 3]);
     }
 
     #[test]
