@@ -3,11 +3,8 @@
 use std::fmt::Write as _;
 
 use glam::DVec2;
-use gs_core::{Camera, counted, duration, memory::amount};
+use gs_core::{Camera, duration, memory::amount};
 use gs_train::blocks::{BlockPlan, BlocksPlan};
-use maud::{PreEscaped, html};
-
-use crate::report::html;
 
 /// Longer side of the map, px.
 const SIDE: f64 = 900.0;
@@ -16,8 +13,8 @@ const SIDE: f64 = 900.0;
 const AROUND: f64 = 0.15;
 
 /// The map of a plan as SVG, seen from above with the forward direction upwards. `cameras` are those of the training
-/// views.
-pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>) -> String {
+/// views, `seconds` what each block is expected to take, if that is known.
+pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>, seconds: &[f64]) -> String {
     let cameras: Vec<DVec2> = cameras.into_iter().map(|camera| plan.ground.place(camera.position())).collect();
     let (mut least, mut most) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     cameras.iter().for_each(|place| (least, most) = (least.min(*place), most.max(*place)));
@@ -51,7 +48,7 @@ pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>)
             "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"#eef3fb\" stroke=\"#24508a\"/>",
             corner.x, corner.y, sides.x, sides.y
         );
-        for (line, text) in words(number, block).iter().enumerate() {
+        for (line, text) in words(number, block, seconds.get(number)).iter().enumerate() {
             let y = middle.y + 18.0 * (line as f64 - 1.5);
             let _ = writeln!(texts, "<text x=\"{:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{text}</text>", middle.x);
         }
@@ -67,57 +64,12 @@ pub fn map<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>)
     svg + &texts + "</svg>\n"
 }
 
-/// The [map] as an HTML page, with a table of the blocks. `seconds` are what each block is expected to take.
-pub fn map_page<'a>(plan: &BlocksPlan, cameras: impl IntoIterator<Item = &'a Camera>, seconds: &[f64]) -> String {
-    let division = &plan.division;
-    let used: usize = plan.blocks.iter().map(|block| block.views.len()).sum();
-    let shared = used as f64 / plan.views.len().max(1) as f64;
-    let facts = [
-        ("Training views", format!("{}, each in {shared:.2} blocks on average", plan.views.len())),
-        ("A block uses a view", format!("from {} of its blending weights on", division.threshold)),
-        ("Margin", format!("{} of a cell's work at each side", division.margin)),
-    ]
-    .into_iter()
-    .chain((!seconds.is_empty()).then(|| ("All blocks, one after the other", duration(seconds.iter().sum()))));
-    let body = html! {
-        header {
-            p.kind { "Plan" }
-            h1 { (counted(plan.blocks.len(), "block")) }
-            dl.facts { @for (what, value) in facts { div { dt { (what) } dd { (value) } } } }
-        }
-        main {
-            p { "The ground from above: cells of equal work, and the cameras of the training views as dots." }
-            (PreEscaped(map(plan, cameras)))
-            h2 { "Blocks" }
-            p.quiet { "Memory is an estimate of the most that training takes on a CPU. Time was estimated by a \
-                trial on the largest block, with the backend and the threads of gs blocks prepare." }
-            div.wide { table {
-                thead { tr {
-                    th { "block" }
-                    @for head in ["views", "steps", "Gaussians, first", "at most", "fixed", "memory", "time"] {
-                        th.number { (head) }
-                    }
-                } }
-                tbody { @for (number, block) in plan.blocks.iter().enumerate() { tr {
-                    td { (number + 1) }
-                    @for value in [block.views.len() as u32, block.steps, block.own, block.gaussians - block.fixed, block.fixed] {
-                        td.number { (value) }
-                    }
-                    td.number { (amount(block.memory)) }
-                    td.number { (seconds.get(number).map_or_else(String::new, |seconds| duration(*seconds))) }
-                } } }
-            } }
-        }
-    };
-    html::page("Plan of blocks", &body)
-}
-
-fn words(number: usize, block: &BlockPlan) -> [String; 4] {
+fn words(number: usize, block: &BlockPlan, seconds: Option<&f64>) -> [String; 4] {
     let BlockPlan { views, fixed, gaussians, steps, memory, .. } = block;
     [
         format!("block {}", number + 1),
         format!("{} views, {steps} steps", views.len()),
         format!("up to {} Gaussians", gaussians - fixed),
-        amount(*memory),
+        seconds.map_or_else(String::new, |seconds| format!("about {}, ", duration(*seconds))) + &amount(*memory),
     ]
 }

@@ -11,7 +11,7 @@ mod map;
 pub use self::{
     conduct::conduct,
     folder::{BlockOutcome, BlockRecord, BlocksFolder, BlocksOrigin, Preparing},
-    map::{map, map_page},
+    map::map,
 };
 #[cfg(doc)]
 use gs_train::blocks::BlocksPlan;

@@ -23,7 +23,7 @@ use gs_train::{
 use super::scenes::cpu;
 use crate::{
     Error,
-    blocks::{BlockOutcome, BlocksFolder, BlocksOrigin, conduct, map, map_page},
+    blocks::{BlockOutcome, BlocksFolder, BlocksOrigin, conduct, map},
     run::{Conducted, Watcher},
 };
 
@@ -118,7 +118,7 @@ fn a_plan_repeats_and_divides_all_work() {
     let belongs =
         |mean: &glam::Vec3| plan.blocks.iter().filter(|block| block.cell.contains(plan.ground.place(*mean))).count();
     assert!(coarse.means.iter().all(|mean| belongs(mean) == 1));
-    let svg = map(&plan, views.train_cameras());
+    let svg = map(&plan, views.train_cameras(), &[]);
     assert_eq!((svg.matches("<circle").count(), svg.matches("block ").count()), (12, 4));
 }
 
@@ -267,9 +267,9 @@ fn a_trial_says_how_long_blocks_take() {
     let (folder, views) = prepared(&on, &place.path().join("out"));
     let seconds = folder.expected_seconds(&on, &views, 0.1).block_on().unwrap();
     assert!(seconds.len() == 4 && seconds.iter().all(|seconds| *seconds > 0.0 && seconds.is_finite()), "{seconds:?}");
-    let page = map_page(folder.plan(), views.train_cameras(), &seconds);
-    assert!(page.contains("All blocks, one after the other") && page.matches("<circle").count() == 12);
-    assert!(!map_page(folder.plan(), views.train_cameras(), &[]).contains("All blocks"));
+    let shown = map(folder.plan(), views.train_cameras(), &seconds);
+    assert!(shown.matches("about ").count() == 4 && shown.matches("<circle").count() == 12, "{shown}");
+    assert!(!map(folder.plan(), views.train_cameras(), &[]).contains("about "));
     let Views { train, .. } = &views;
     let fewer = Views { train: train[1..].to_vec(), ..views.clone() };
     assert!(folder.expected_seconds(&on, &fewer, 0.1).block_on().is_err());

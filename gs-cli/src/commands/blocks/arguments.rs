@@ -32,8 +32,7 @@ submit does it by Slurm
 DIR then contains:
   coarse/           the coarse model, as gs train writes it
   blocks.json       the plan
-  map.svg           a map of the plan: cells, cameras and counts
-  map.html          the map, with a table of the blocks: views, Gaussians, memory and time
+  map.svg           a map of the plan: cells and cameras, with views, Gaussians, memory and time of each block
   starts/, runs/, scenes/   what blocks begin with; records, claims and checkpoints; results
   scene.ply         the Gaussians of all blocks; gs convert makes other formats of it
   lod/              its levels of detail, a streamed SOG, with gs blocks merge --lod

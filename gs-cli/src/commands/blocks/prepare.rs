@@ -11,7 +11,7 @@ use gs_backend::FutureExt as _;
 use gs_core::{Error as CoreError, Scene as _, counted, duration, effects::Antialias, memory::amount};
 use gs_io::{Inputs, read_checkpoint};
 use gs_lab::{
-    blocks::{BlocksFolder, BlocksOrigin, map, map_page},
+    blocks::{BlocksFolder, BlocksOrigin, map},
     study::Machine,
 };
 use gs_train::{
@@ -41,7 +41,6 @@ use crate::{
 };
 
 const MAP: &str = "map.svg";
-const PAGE: &str = "map.html";
 const COARSE: &str = "coarse";
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const SUMMARY: &str = "summary.json";
@@ -60,7 +59,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         return Err(Failure::usage(message).hint("leave it out"));
     }
     BlocksFolder::refuse_existing(&args.output)?;
-    let mut claim = args.overwrite.claim(&args.output, [MAP, PAGE], Inputs::from_iter([&args.dataset]));
+    let mut claim = args.overwrite.claim(&args.output, [MAP], Inputs::from_iter([&args.dataset]));
     claim.folders.extend(BlocksFolder::FOLDERS.map(str::to_owned));
     output_folder::check(&claim)?;
     let dataset = args.images.read(&args.dataset)?;
@@ -108,13 +107,12 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()
     });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
-    output.write(MAP, map(&plan, views.train_cameras()))?;
     let folder = preparing.finish(origin, plan)?;
     let seconds = folder.expected_seconds(&backend.rasterizer, &views, TRIAL).block_on().unwrap_or_else(|error| {
         output::note(format_args!("note: how long the blocks take is not known: a trial failed ({error})"));
         Vec::new()
     });
-    output.write(PAGE, map_page(folder.plan(), views.train_cameras(), &seconds))?;
+    output.write(MAP, map(folder.plan(), views.train_cameras(), &seconds))?;
     summary(&folder, model.scene.len(), views.train.len(), &seconds)
 }
 
@@ -240,7 +238,7 @@ fn summary(folder: &BlocksFolder, coarse: usize, views: usize, seconds: &[f64]) 
         counted(coarse, "coarse Gaussian"),
         used as f64 / views as f64,
         amount(most),
-        path.join(PAGE).display(),
+        path.join(MAP).display(),
         quoted(path)
     ))
 }
