@@ -18,7 +18,6 @@
 pub mod blocks;
 mod error;
 pub mod experiments;
-mod median;
 pub mod price;
 pub mod report;
 mod result;

@@ -1,7 +1,7 @@
 //! Scale and directions by the GPS positions of photographs.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use gs_core::math::similarity::Similarity;
+use gs_core::{math::similarity::Similarity, metrics::median};
 use serde::{Deserialize, Serialize};
 
 use crate::model::Registered;
@@ -53,8 +53,8 @@ struct Pair {
 pub(crate) fn align(images: &[Registered], position: impl Fn(&str) -> Option<Position>) -> Option<Alignment> {
     let of = |image: &Registered| Some((-(image.rotation.inverse() * image.translation), position(&image.name)?));
     let found: Vec<(DVec3, Position)> = images.iter().filter_map(of).collect();
-    let middle = median(found.iter().map(|(_, [latitude, ..])| *latitude as f64).collect())?;
-    let first = found[0].1;
+    let middle = median(found.iter().map(|(_, [latitude, ..])| *latitude as f64));
+    let first = found.first()?.1;
     let pair = |(camera, place): &(DVec3, Position)| Pair {
         camera: *camera,
         position: metres(*place, first, middle),
@@ -74,7 +74,7 @@ pub(crate) fn align(images: &[Registered], position: impl Fn(&str) -> Option<Pos
     let residuals: Vec<f64> =
         pairs.iter().map(|pair| residual(&similarity, pair)).filter(|metres| *metres < FITS * ERROR).collect();
     let fitting = residuals.len();
-    let residual_m = median(residuals)?;
+    let residual_m = median(residuals);
     let spread = spread(&pairs, |pair| pair.position);
     let is_possible = fitting >= 3 && fitting * 2 > pairs.len() && spread > ERROR && spread > 2.0 * residual_m;
     let gps = Gps { positions: pairs.len(), fitting, residual_m };
@@ -112,11 +112,6 @@ fn spread(pairs: &[Pair], of: fn(&Pair) -> DVec3) -> f64 {
 /// Distance of a position from the camera, m.
 fn residual(fit: &Similarity, pair: &Pair) -> f64 {
     fit.apply(pair.camera).distance(pair.position)
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]

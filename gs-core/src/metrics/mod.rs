@@ -19,6 +19,17 @@ pub fn mean(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
     sum / count as f64
 }
 
+/// The median: the mean of the two middle values of an even number, NaN of none.
+pub fn median(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().map(|value| *value.borrow()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    match values.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => values[n / 2],
+        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
+    }
+}
+
 /// Mean |a − b| over pixels and channels.
 ///
 /// # Errors
@@ -152,6 +163,13 @@ fn differences<'a>(a: &'a Image, b: &'a Image) -> impl Iterator<Item = f64> + 'a
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_median_is_in_the_middle() {
+        assert_eq!(median([3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median([4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert!(median([0.0; 0]).is_nan());
+    }
 
     #[test]
     fn one_pass_finds_what_each_measure_finds_by_itself() {

@@ -1,7 +1,7 @@
 //! Means, variances, and bootstrap intervals of means, for experiments and studies.
 
-pub(crate) use crate::median::median;
 pub(crate) use gs_core::metrics::mean;
+pub(crate) use gs_core::metrics::median;
 use gs_density::Rng;
 use probability::distribution::{Beta, Distribution, Gaussian, Inverse};
 use rand::{RngExt, SeedableRng};

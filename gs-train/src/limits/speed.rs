@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use gs_core::{Camera, Optimizer, Scene, Scene3d};
+use gs_core::{Camera, Optimizer, Scene, Scene3d, metrics::median};
 use gs_io::dataset::DatasetKind;
 use web_time::Instant;
 
@@ -87,25 +87,19 @@ struct Line {
 }
 
 impl Line {
-    /// The Theil–Sen line: median slope and median intercept, which a few slow steps hardly change.
+    /// The Theil–Sen line: median slope and median intercept, which a few slow steps hardly change; 0 without points.
     fn through(points: &[(u32, f64)]) -> Self {
         let slopes = points.iter().enumerate().flat_map(|(i, a)| {
             points[..i].iter().filter(|b| b.0 != a.0).map(|b| (a.1 - b.1) / (f64::from(a.0) - f64::from(b.0)))
         });
-        let per_gaussian = median(slopes.collect()).max(0.0);
-        let fixed = median(points.iter().map(|&(count, seconds)| seconds - per_gaussian * f64::from(count)).collect());
+        let per_gaussian = median(slopes).max(0.0);
+        let fixed = median(points.iter().map(|&(count, seconds)| seconds - per_gaussian * f64::from(count)));
         Self { fixed: fixed.max(0.0), per_gaussian }
     }
 
     fn at(&self, count: f64) -> f64 {
         self.fixed + self.per_gaussian * count
     }
-}
-
-/// The median; 0 if there are no values.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 impl Speed {

@@ -4,7 +4,7 @@ use glam::Vec2;
 use gs_core::{Gaussian2d, Scene2d, sigmoid};
 use gs_train::{PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE};
 
-use crate::{median::median, study::Column};
+use crate::{result::median, study::Column};
 
 /// Half the width of the zone around an edge, px. The disc's edge rises from 12 % to 88 % within
 /// it.
