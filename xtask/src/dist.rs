@@ -1,17 +1,16 @@
 //! `cargo xtask dist`: everything that a release has, in `target/dist`, and its test where it will run.
 
 mod archive;
-mod build;
+pub mod build;
 mod debian;
 mod papers;
-mod systems;
-mod test;
-mod tools;
+pub mod systems;
+pub mod tools;
 
 use std::path::Path;
 
 use crate::{
-    system::{Options, empty, target},
+    system::{Options, empty, start_test, target},
     web,
 };
 use papers::{NOTICES, Papers};
@@ -19,14 +18,14 @@ use systems::SYSTEMS;
 use tools::Tools;
 
 /// Builds the release, and tests it on request.
-pub(crate) fn run(options: Options) -> Result<(), String> {
+pub fn run(options: Options) -> Result<(), String> {
     if options.install {
         web::install(true)?;
     }
     let tools = Tools::prepare(options.install)?;
     let out = target().join("dist");
     release(&tools, &out)?;
-    if options.test { test::run(&tools, &out, options.install) } else { Ok(()) }
+    if options.test { start_test("dist", options.install) } else { Ok(()) }
 }
 
 /// Builds the release into a folder, which it replaces.

@@ -5,17 +5,9 @@
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
-mod cluster;
-mod dist;
-mod poses;
-mod python;
-mod system;
-mod test;
-mod web;
-
 use std::process::ExitCode;
 
-use system::Options;
+use xtask::{cluster, dist, poses, python, system::Options, test, web};
 
 const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]

@@ -14,7 +14,7 @@ const TESTS: &str = "poses_found::";
 const PYCOLMAP: &str = "pycolmap>=4.1.1";
 
 /// Installs COLMAP and PyCOLMAP, shows the version, and runs the tests, as far as that is asked for.
-pub(crate) fn run(options: Options) -> Result<(), String> {
+pub fn run(options: Options) -> Result<(), String> {
     if options.install && version().is_none() {
         install_packages(&["colmap"])?;
     }

@@ -20,7 +20,7 @@ const PYTHON: [&str; 2] = ["python3", "python3-venv"];
 
 /// Builds a wheel into `target/wheels`: for use, or without optimising what does not compute, to be
 /// tested.
-pub(crate) fn run(options: Options) -> Result<(), String> {
+pub fn run(options: Options) -> Result<(), String> {
     let Some(python) = with_environments(9, options.install)? else {
         eprintln!("skipped: there is no Python 3.9 or later with the module venv: the Python module");
         return Ok(());
@@ -62,7 +62,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 
 /// Makes the folder of what a wheel consists of, in place of one that may be there, with the compiled module
 /// and the licences of the project.
-pub(crate) fn wheel_tree(tree: &Path, module: &Path) -> Result<(), String> {
+pub fn wheel_tree(tree: &Path, module: &Path) -> Result<(), String> {
     let windows = module.extension().is_some_and(|ending| ending == "dll");
     let name = if windows { "_native.pyd" } else { "_native.abi3.so" };
     empty(tree)?;
@@ -74,13 +74,13 @@ pub(crate) fn wheel_tree(tree: &Path, module: &Path) -> Result<(), String> {
 }
 
 /// The folder of a wheel's tree for metadata.
-pub(crate) fn wheel_information(tree: &Path) -> PathBuf {
+pub fn wheel_information(tree: &Path) -> PathBuf {
     tree.join(format!("gaussian_splats-{VERSION}.dist-info"))
 }
 
 /// Adds the Python sources and the metadata to a wheel's tree, and packs it into a folder. The programs are
-/// those of an environment with [`TOOLS`]; the platform is that of its Python if none is given.
-pub(crate) fn pack_wheel(
+/// those of an environment with `TOOLS`; the platform is that of its Python if none is given.
+pub fn pack_wheel(
     program: impl Fn(&str) -> Command,
     tree: &Path,
     platform: Option<&str>,
@@ -97,12 +97,12 @@ const STUBTEST: [&str; 4] =
     ["gaussian_splats._native", "--ignore-missing-stub", "--mypy-config-file", "pyproject.toml"];
 
 /// The folder of an environment's programs.
-pub(crate) fn programs(environment: &Path) -> PathBuf {
+pub fn programs(environment: &Path) -> PathBuf {
     environment.join(if cfg!(windows) { "Scripts" } else { "bin" })
 }
 
 /// Makes an environment, and returns its `pip install`, to be given the packages.
-pub(crate) fn environment(python: impl AsRef<OsStr>, folder: &Path) -> Result<Command, String> {
+pub fn environment(python: impl AsRef<OsStr>, folder: &Path) -> Result<Command, String> {
     step(Command::new(python).args(["-m", "venv"]).arg(folder))?;
     Ok(pip(folder))
 }
@@ -114,7 +114,7 @@ fn pip(environment: &Path) -> Command {
 }
 
 /// The name of a Python 3 of at least a minor version that can make environments.
-pub(crate) fn with_environments(minor: u32, install: bool) -> Result<Option<&'static str>, String> {
+pub fn with_environments(minor: u32, install: bool) -> Result<Option<&'static str>, String> {
     let found = || ["python3", "python"].into_iter().find(|program| has_venv(program, minor));
     if found().is_none() && install {
         install_packages(&PYTHON)?;

@@ -5,28 +5,28 @@ use std::{
     ffi::OsString,
     fs, io,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Command, ExitCode, Stdio},
 };
 
 /// The version of the workspace.
-pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// What the flags of a command ask for.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Options {
+pub struct Options {
     /// Install what is needed.
-    pub(crate) install: bool,
+    pub install: bool,
     /// Test.
-    pub(crate) test: bool,
+    pub test: bool,
     /// Also run what takes long: tests marked `#[ignore]`, and the page's WebAssembly for one thread.
-    pub(crate) slow: bool,
+    pub slow: bool,
     /// The npm package instead of the page.
-    pub(crate) package: bool,
+    pub package: bool,
 }
 
 impl Options {
     /// Reads flags, which must be among the `known` ones of a command.
-    pub(crate) fn parse(flags: &[String], known: &[&str]) -> Result<Self, String> {
+    pub fn parse(flags: &[String], known: &[&str]) -> Result<Self, String> {
         if let Some(unknown) = flags.iter().find(|flag| !known.contains(&flag.as_str())) {
             return Err(format!("unknown flag {unknown}"));
         }
@@ -37,19 +37,19 @@ impl Options {
 }
 
 /// Whether there is a program of this name.
-pub(crate) fn has_program(name: &str) -> bool {
+pub fn has_program(name: &str) -> bool {
     let paths = env::var_os("PATH").unwrap_or_default();
     let file = Path::new(name).with_extension(env::consts::EXE_EXTENSION);
     env::split_paths(&paths).chain(["/usr/sbin".into()]).any(|folder| folder.join(&file).is_file())
 }
 
 /// Whether this process runs as root.
-pub(crate) fn is_root() -> bool {
+pub fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")
 }
 
 /// A command that runs as root, through sudo if necessary.
-pub(crate) fn root(program: &str) -> Command {
+pub fn root(program: &str) -> Command {
     if is_root() {
         return Command::new(program);
     }
@@ -60,7 +60,7 @@ pub(crate) fn root(program: &str) -> Command {
 
 /// Installs packages of Debian or Ubuntu, as root or through sudo, while no other process of this program
 /// does: `apt-get` fails where another one is at work.
-pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
+pub fn install_packages(packages: &[&str]) -> Result<(), String> {
     let lock = target().join("packages.lock");
     let locked = || {
         fs::create_dir_all(target())?;
@@ -85,24 +85,55 @@ pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
 }
 
 /// Runs cargo in the workspace, under a line that shows the command.
-pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
+pub fn cargo(arguments: &[&str]) -> Result<(), String> {
     step(Command::new(cargo_program()).args(arguments).current_dir(workspace()))
 }
 
+/// The first argument of a test in `tests/`, which does nothing without it: it needs programs that most machines do
+/// not have, and minutes.
+pub const START: &str = "--start";
+
+/// Runs a test in `tests/`, which may install what it needs.
+pub fn start_test(name: &str, install: bool) -> Result<(), String> {
+    let mut test = Command::new(cargo_program());
+    test.args(["test", "--locked", "--quiet", "--package", "xtask", "--test", name, "--", START]);
+    test.args(install.then_some("--install")).current_dir(workspace());
+    match test.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(_) => Err(format!("the test of cargo xtask {name} failed")),
+        Err(error) => Err(format!("cargo could not be started: {error}")),
+    }
+}
+
+/// What a test in `tests/` does: nothing, unless [`start_test`] has started it.
+pub fn started(test: impl FnOnce(Options) -> Result<(), String>) -> ExitCode {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    if arguments.first().is_none_or(|first| first != START) {
+        return ExitCode::SUCCESS;
+    }
+    match Options::parse(&arguments[1..], &["--install"]).and_then(test) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("error: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
 /// Builds the Python module for tests, and returns the folder that it is in.
-pub(crate) fn built_module() -> Result<PathBuf, String> {
+pub fn built_module() -> Result<PathBuf, String> {
     build(&["--lib", "--example", "adapters"])
 }
 
 /// Builds `gs` for tests, and returns its path.
-pub(crate) fn built_program() -> Result<PathBuf, String> {
+pub fn built_program() -> Result<PathBuf, String> {
     // The example brings the features of tests: without them, the tests' build of `gs` would be replaced.
     let folder = build(&["--bin", "gs", "--example", "adapters"])?;
     Ok(folder.join("gs").with_extension(env::consts::EXE_EXTENSION))
 }
 
 /// Builds an example of the workspace for tests, and returns its path.
-pub(crate) fn built_example(name: &str) -> Result<PathBuf, String> {
+pub fn built_example(name: &str) -> Result<PathBuf, String> {
     let folder = build(&["--example", name])?;
     Ok(folder.join("examples").join(name).with_extension(env::consts::EXE_EXTENSION))
 }
@@ -115,18 +146,18 @@ fn build(targets: &[&str]) -> Result<PathBuf, String> {
 }
 
 /// The folder of what is built.
-pub(crate) fn target() -> PathBuf {
+pub fn target() -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from)
 }
 
 /// A command as it would be typed.
-pub(crate) fn line(command: &Command) -> String {
+pub fn line(command: &Command) -> String {
     let words = [command.get_program()].into_iter().chain(command.get_args());
     words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
 }
 
 /// Runs a command under a line that shows it.
-pub(crate) fn step(command: &mut Command) -> Result<(), String> {
+pub fn step(command: &mut Command) -> Result<(), String> {
     let line = line(command);
     eprintln!("== {line}");
     match command.status() {
@@ -137,7 +168,7 @@ pub(crate) fn step(command: &mut Command) -> Result<(), String> {
 }
 
 /// Runs a command and returns its standard output. Its standard error is part of an error.
-pub(crate) fn output(command: &mut Command) -> Result<String, String> {
+pub fn output(command: &mut Command) -> Result<String, String> {
     let line = line(command);
     let ended = command.stdin(Stdio::null()).output().map_err(|error| format!("{line}: {error}"))?;
     let [results, errors] = [ended.stdout, ended.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
@@ -148,36 +179,36 @@ pub(crate) fn output(command: &mut Command) -> Result<String, String> {
 }
 
 /// The message of an error at a path.
-pub(crate) fn at(path: &Path) -> impl Fn(io::Error) -> String {
+pub fn at(path: &Path) -> impl Fn(io::Error) -> String {
     move |error| format!("{}: {error}", path.display())
 }
 
 /// The files and folders in a folder.
-pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
+pub fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let read = fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
     read.map_err(at(folder))
 }
 
 /// Removes a folder that may be there.
-pub(crate) fn remove(folder: &Path) -> Result<(), String> {
+pub fn remove(folder: &Path) -> Result<(), String> {
     if folder.exists() { fs::remove_dir_all(folder).map_err(at(folder)) } else { Ok(()) }
 }
 
 /// Makes an empty folder, in place of one that may be there.
-pub(crate) fn empty(folder: &Path) -> Result<(), String> {
+pub fn empty(folder: &Path) -> Result<(), String> {
     remove(folder)?;
     fs::create_dir_all(folder).map_err(at(folder))
 }
 
 /// Copies a file, and makes the folders above it.
-pub(crate) fn copy(from: &Path, to: &Path) -> Result<(), String> {
+pub fn copy(from: &Path, to: &Path) -> Result<(), String> {
     let folder = to.parent().unwrap_or(to);
     let copied = fs::create_dir_all(folder).and_then(|()| fs::copy(from, to));
     copied.map(drop).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))
 }
 
 /// Checks that the compiler has a target, or installs it.
-pub(crate) fn need_target(triple: &str, install: bool) -> Result<(), String> {
+pub fn need_target(triple: &str, install: bool) -> Result<(), String> {
     // Without rustup, the compiler says what it lacks.
     let listed = Command::new("rustup").args(["target", "list", "--installed"]).output();
     if listed.map_or(true, |output| String::from_utf8_lossy(&output.stdout).lines().any(|line| line == triple)) {
@@ -190,7 +221,7 @@ pub(crate) fn need_target(triple: &str, install: bool) -> Result<(), String> {
 }
 
 /// What the compiler prints, without the line's end; empty if it cannot be run.
-pub(crate) fn rustc(arguments: &[&str]) -> String {
+pub fn rustc(arguments: &[&str]) -> String {
     let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let printed = Command::new(rustc).args(arguments).current_dir(workspace()).output();
     printed.map_or_else(|_| String::new(), |output| String::from_utf8_lossy(&output.stdout).trim_end().to_owned())
@@ -198,7 +229,7 @@ pub(crate) fn rustc(arguments: &[&str]) -> String {
 
 /// The compiler's flags that keep this machine's folders out of what it builds, so that the same sources
 /// give the same bits anywhere.
-pub(crate) fn remapped_paths() -> Vec<String> {
+pub fn remapped_paths() -> Vec<String> {
     let home = || env::home_dir().map(|home| home.join(".cargo"));
     let mut folders = vec![(workspace(), "gs".to_owned()), (target(), "target".to_owned())];
     folders.extend(env::var_os("CARGO_HOME").map(PathBuf::from).or_else(home).map(|home| (home, "cargo".to_owned())));
@@ -212,11 +243,12 @@ pub(crate) fn remapped_paths() -> Vec<String> {
 }
 
 /// The cargo that runs this program, so that both use one toolchain.
-pub(crate) fn cargo_program() -> OsString {
+pub fn cargo_program() -> OsString {
     env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }
 
-pub(crate) fn workspace() -> PathBuf {
+/// The folder of the workspace.
+pub fn workspace() -> PathBuf {
     let manifest = env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
     manifest.parent().map_or_else(|| ".".into(), Path::to_path_buf)
 }

@@ -11,7 +11,7 @@ const DRIVER: &str = "mesa-vulkan-drivers";
 const NEEDS_ADAPTER: &str = "wgpu";
 
 /// Runs all the tests. The first group that fails ends the run.
-pub(crate) fn run(options: Options) -> Result<(), String> {
+pub fn run(options: Options) -> Result<(), String> {
     report_data();
     // All at once, which keeps all cores busy. A test of gs-backend runs `window`.
     let all = ["--lib", "--bins", "--tests", "--example", "adapters", "--example", "window"];

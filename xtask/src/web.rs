@@ -15,10 +15,10 @@ use crate::system::{
 };
 
 use package::package_folder;
-pub(crate) use package::{archive, need_npm, package, test_package};
+pub use package::{archive, need_npm, package, test_package};
 
 /// The target of the page.
-pub(crate) const TARGET: &str = "wasm32-unknown-unknown";
+pub const TARGET: &str = "wasm32-unknown-unknown";
 
 /// The component of Rust with the sources of the standard library, which threads need.
 const STD_SOURCES: &str = "rust-src";
@@ -45,7 +45,7 @@ const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
 /// Only with `--slow`, the page under test has a WebAssembly of its own for one thread, as the page of a
 /// release has. Otherwise that for several threads stands in for it, in one thread: Chromium allows its
 /// shared memory on every page, Safari on isolated ones alone.
-pub(crate) fn run(options: Options) -> Result<(), String> {
+pub fn run(options: Options) -> Result<(), String> {
     let target = target();
     if options.install {
         install(options.test || options.package)?;
@@ -68,7 +68,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 }
 
 /// Builds the page into `target/page`, and returns the folder.
-pub(crate) fn built_page() -> Result<PathBuf, String> {
+pub fn built_page() -> Result<PathBuf, String> {
     let page = target().join("page");
     build(&target(), "web", "release", &page, false)?;
     eprintln!("built {}", page.display());
@@ -83,7 +83,7 @@ fn installed_page() -> Option<PathBuf> {
 }
 
 /// Replaces a folder by a copy of another one.
-pub(crate) fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
+pub fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
     fn copy(from: &Path, to: &Path) -> io::Result<()> {
         fs::create_dir_all(to)?;
         for entry in fs::read_dir(from)? {
@@ -153,7 +153,7 @@ fn has_std_sources() -> bool {
 }
 
 /// Checks that the page can have threads, or installs what they need.
-pub(crate) fn need_std_sources(install: bool) -> Result<(), String> {
+pub fn need_std_sources(install: bool) -> Result<(), String> {
     match (has_std_sources(), install) {
         (true, _) => Ok(()),
         (false, true) => install_std_sources(),
@@ -166,7 +166,7 @@ fn install_std_sources() -> Result<(), String> {
 }
 
 /// Installs what the page and the package are built with, and what tests them.
-pub(crate) fn install(for_test: bool) -> Result<(), String> {
+pub fn install(for_test: bool) -> Result<(), String> {
     install_std_sources()?;
     // Node and the browser may be others than Debian's.
     let is_there = |name: &&str| match *name {

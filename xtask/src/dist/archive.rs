@@ -15,15 +15,15 @@ use crate::{
 
 /// What all archives hold, besides files of the workspace.
 #[derive(Debug)]
-pub(crate) struct Contents {
+pub(super) struct Contents {
     /// The program for the system.
-    pub(crate) program: PathBuf,
+    pub(super) program: PathBuf,
     /// The folder with `man` and `completions`.
-    pub(crate) manual: PathBuf,
+    pub(super) manual: PathBuf,
     /// The same for the name of the command in the Debian package.
-    pub(crate) debian_manual: PathBuf,
+    pub(super) debian_manual: PathBuf,
     /// The folder of the page.
-    pub(crate) page: PathBuf,
+    pub(super) page: PathBuf,
 }
 
 /// The documents of an archive.

@@ -16,19 +16,19 @@ use crate::{
 };
 
 /// The profile of Cargo.toml.
-pub(crate) const PROFILE: &str = "shipped";
+pub const PROFILE: &str = "shipped";
 
 /// What was built for a system.
 #[derive(Debug, Clone)]
-pub(crate) struct Built {
+pub struct Built {
     /// The program `gs`.
-    pub(crate) program: PathBuf,
+    pub program: PathBuf,
     /// The library that Python loads.
-    pub(crate) module: PathBuf,
+    pub module: PathBuf,
 }
 
 /// Builds the program and the Python module for each system, together, since they share their crates.
-pub(crate) fn all(tools: &Tools) -> Result<Vec<Built>, String> {
+pub fn all(tools: &Tools) -> Result<Vec<Built>, String> {
     SYSTEMS.iter().map(|system| built(tools, system)).collect()
 }
 

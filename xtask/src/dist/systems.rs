@@ -2,27 +2,28 @@
 
 /// A system that a release is for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct System {
+pub struct System {
     /// Its name in the names of files.
-    pub(super) name: &'static str,
+    pub name: &'static str,
     /// Rust's name for it.
-    pub(super) triple: &'static str,
+    pub triple: &'static str,
     /// The oldest glibc that is enough, appended to the triple for the linker.
-    pub(super) glibc: &'static str,
+    pub glibc: &'static str,
     /// Python's name of it.
-    pub(super) wheel: &'static str,
+    pub wheel: &'static str,
     /// Debian's name of the architecture.
-    pub(super) debian: Option<&'static str>,
+    pub debian: Option<&'static str>,
 }
 
 impl System {
-    pub(super) fn is_windows(&self) -> bool {
+    /// Whether it is Windows.
+    pub fn is_windows(&self) -> bool {
         self.triple.contains("windows")
     }
 }
 
 /// The systems.
-pub(super) const SYSTEMS: [System; 3] = [
+pub const SYSTEMS: [System; 3] = [
     System {
         name: "x86_64-linux",
         triple: "x86_64-unknown-linux-gnu",

@@ -20,15 +20,15 @@ const PACKAGES: &str = "xtask/src/dist/tools.txt";
 
 /// The tools.
 #[derive(Debug)]
-pub(crate) struct Tools {
+pub struct Tools {
     folder: PathBuf,
     /// Seconds since 1970 of the commit, which stand for all times in files.
-    pub(crate) epoch: String,
+    pub epoch: String,
 }
 
 impl Tools {
     /// Makes the environment, and checks that the compiler has the targets.
-    pub(crate) fn prepare(install: bool) -> Result<Self, String> {
+    pub fn prepare(install: bool) -> Result<Self, String> {
         for system in SYSTEMS {
             system::need_target(system.triple, install)?;
         }
@@ -37,20 +37,25 @@ impl Tools {
         web::need_npm()?;
         let python = python::with_environments(11, install)?
             .ok_or("there is no Python 3.11 or later with the module venv: Debian 12 and Ubuntu 24.04 have one")?;
-        let tools = Self { folder: target().join("dist-tools"), epoch: epoch()? };
+        let tools = Self::prepared()?;
         let mut pip = python::environment(python, &tools.folder.join("python"))?;
         step(pip.args(["--require-hashes", "--requirement"]).arg(workspace().join(PACKAGES)))?;
         Ok(tools)
     }
 
+    /// The tools that were prepared in this workspace.
+    pub fn prepared() -> Result<Self, String> {
+        Ok(Self { folder: target().join("dist-tools"), epoch: epoch()? })
+    }
+
     /// The folder of the environment's programs.
-    pub(crate) fn programs(&self) -> PathBuf {
+    pub fn programs(&self) -> PathBuf {
         python::programs(&self.folder.join("python"))
     }
 
     /// A program of the environment, to be run in the workspace, whose results do not depend on the time or on
     /// where the workspace is.
-    pub(crate) fn command(&self, program: &str) -> Command {
+    pub fn command(&self, program: &str) -> Command {
         let mut command = Command::new(self.programs().join(program));
         let path = env::var_os("PATH").unwrap_or_default();
         let folders = [self.programs()].into_iter().chain(env::split_paths(&path));
@@ -68,11 +73,7 @@ impl Tools {
     }
 
     /// Runs a script of this folder.
-    pub(crate) fn script<A: AsRef<OsStr>>(
-        &self,
-        name: &str,
-        arguments: impl IntoIterator<Item = A>,
-    ) -> Result<(), String> {
+    pub fn script<A: AsRef<OsStr>>(&self, name: &str, arguments: impl IntoIterator<Item = A>) -> Result<(), String> {
         let mut python = self.command("python");
         step(python.arg(Path::new("xtask/src/dist").join(name)).args(arguments))
     }

@@ -22,7 +22,7 @@ pub(super) fn package_folder() -> PathBuf {
 
 /// Builds the package, packs it into a folder, and returns the path of the archive. The bits do not depend on
 /// when or where it is built. `complete` may add files to the folder that is packed.
-pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
+pub fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
     need_npm()?;
     let (target, sources) = (target(), workspace().join("gs-web/package"));
     let (tools, tree) = (package_folder(), package_folder().join("tree"));
@@ -56,14 +56,14 @@ pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), Str
 }
 
 /// Checks that what packs the package is there.
-pub(crate) fn need_npm() -> Result<(), String> {
+pub fn need_npm() -> Result<(), String> {
     let missing = ["node", "npm"].into_iter().find(|program| !has_program(program));
     missing.map_or(Ok(()), |program| Err(format!("the npm package needs {program}; --install installs it")))
 }
 
 /// Installs the package in a fresh folder, checks its types, and shows both entries in a browser, whose pictures
 /// are compared with those of the program. Returns false if there is no browser.
-pub(crate) fn test_package(
+pub fn test_package(
     archive: &Path,
     program: impl FnOnce() -> Result<PathBuf, String>,
     install: bool,
@@ -76,7 +76,7 @@ pub(crate) fn test_package(
 }
 
 /// The archive of this version in a folder.
-pub(crate) fn archive(folder: &Path) -> PathBuf {
+pub fn archive(folder: &Path) -> PathBuf {
     folder.join(format!("gaussian-splats-{}.tgz", env!("CARGO_PKG_VERSION")))
 }
 

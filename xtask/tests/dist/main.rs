@@ -1,4 +1,4 @@
-//! `cargo xtask dist --test`: the release where it will run.
+//! The test of `cargo xtask dist --test`: the release where it will run.
 
 mod arm;
 mod bare;
@@ -11,15 +11,13 @@ mod sizes;
 mod wheel;
 mod windows;
 
-use std::{
-    env,
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{env, path::PathBuf, process::ExitCode, time::Instant};
 
 use self::bench::{Bench, Outcome};
-use super::tools::Tools;
-use crate::system::{empty, target, workspace};
+use xtask::{
+    dist::tools::Tools,
+    system::{Options, empty, started, step, target, workspace},
+};
 
 /// A part of the test.
 type Part = fn(&Bench<'_>) -> Result<Outcome, String>;
@@ -35,13 +33,18 @@ const PARTS: [(&str, Part); 8] = [
     ("the workspace for macOS", mac::test),
 ];
 
+fn main() -> ExitCode {
+    started(run)
+}
+
 /// Runs all parts, and fails after the last one if any has failed, or was skipped although everything that is
 /// needed was to be installed.
-pub(crate) fn run(tools: &Tools, release: &Path, install: bool) -> Result<(), String> {
+fn run(Options { install, .. }: Options) -> Result<(), String> {
+    let tools = &Tools::prepared()?;
     let (image, dataset) = inputs(tools)?;
     // Building belongs to the release, not to what its test takes.
     let conformance = arm::built(tools)?;
-    let bench = Bench { tools, release, image, dataset, conformance, install };
+    let bench = Bench { tools, release: &target().join("dist"), image, dataset, conformance, install };
     let (all, mut failed) = (Instant::now(), Vec::new());
     for (name, part) in PARTS {
         let started = Instant::now();
@@ -74,6 +77,6 @@ fn inputs(tools: &Tools) -> Result<(PathBuf, PathBuf), String> {
     }
     let folder = target().join("dist-test/inputs");
     empty(&folder)?;
-    tools.script("test/scene.py", [&folder])?;
+    step(tools.command("python").arg("xtask/tests/dist/scene.py").arg(&folder))?;
     Ok((folder.join("photo.png"), folder.join("dataset")))
 }

@@ -1,7 +1,7 @@
 //! The compiler's checks for macOS.
 
 use super::bench::{Bench, Outcome};
-use crate::system::{need_target, step, target};
+use xtask::system::{need_target, step, target};
 
 const TRIPLE: &str = "aarch64-apple-darwin";
 

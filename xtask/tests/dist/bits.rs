@@ -6,7 +6,7 @@ use super::{
     bench::{Bench, Outcome, expect},
     program::{Program, equal},
 };
-use crate::system::empty;
+use xtask::system::empty;
 
 /// The files that are compared: a fit, a compressed image and a trained scene.
 const FILES: [&str; 3] = ["fit/scene.gs2d.safetensors", "image.gsi", "scene/scene.ply"];

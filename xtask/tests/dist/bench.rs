@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{
+use xtask::{
     dist::tools::Tools,
     system::{VERSION, empty, has_program, install_packages, output, target},
 };

@@ -4,7 +4,7 @@ use super::{
     bench::{Bench, Outcome},
     program::Program,
 };
-use crate::web;
+use xtask::web;
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("npm")?;

@@ -6,7 +6,7 @@ use super::{
     bench::{Bench, Outcome, expect},
     program::{ON_ARM, Program, equal},
 };
-use crate::{
+use xtask::{
     dist::{build::PROFILE, tools::Tools},
     system::{output, target},
 };

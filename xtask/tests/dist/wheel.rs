@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use super::bench::{Bench, Outcome, expect};
-use crate::{
+use xtask::{
     dist::systems::SYSTEMS,
     python,
     system::{entries, output, step},

@@ -8,7 +8,7 @@ use std::{
 };
 
 use super::bench::{Bench, expect};
-use crate::system::{at, line, output, target};
+use xtask::system::{at, line, output, target};
 
 /// A program for some system.
 #[derive(Debug, Clone)]
@@ -44,7 +44,7 @@ impl Program {
         let program = bench.unpack("x86_64-windows", folder)?;
         let mut library = bench.tools.command("python");
         library.args(["-m", "ziglang", "cc", "-target", "x86_64-windows-gnu", "-shared", "-O1", "-s"]);
-        library.args(["xtask/src/dist/test/bcryptprimitives.c", "-ladvapi32", "-o"]);
+        library.args(["xtask/tests/dist/bcryptprimitives.c", "-ladvapi32", "-o"]);
         output(library.arg(program.join("bcryptprimitives.dll")))?;
         Ok(Some(Self { path: program.join("gs.exe"), runner: vec![WINE] }))
     }

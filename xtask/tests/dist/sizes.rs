@@ -3,7 +3,7 @@
 use std::fs;
 
 use super::bench::{Bench, Outcome, expect};
-use crate::system::{at, entries};
+use xtask::system::{at, entries};
 
 /// The endings of files, and the most bytes that one may have.
 const LIMITS: [(&str, u64); 4] = [("gz", 25_000_000), ("zip", 25_000_000), ("deb", 25_000_000), ("whl", 10_000_000)];

@@ -3,7 +3,7 @@
 use std::{path::Path, process::Command, time::Instant};
 
 use super::bench::{Bench, Outcome, expect};
-use crate::system::{VERSION, is_root, output, root, target};
+use xtask::system::{VERSION, is_root, output, root, target};
 
 /// The longest time from the archive to a picture, seconds.
 const LIMIT: f64 = 20.0;

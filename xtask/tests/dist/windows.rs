@@ -6,7 +6,7 @@ use super::{
     bench::{Bench, Outcome, expect},
     program::Program,
 };
-use crate::system::{at, copy};
+use xtask::system::{at, copy};
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("windows")?.join("Größe 図");
