@@ -82,7 +82,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Command::Study(args) => commands::study::run(&args),
         Command::Frontier(args) => commands::price::frontier::run(&args),
         #[cfg(feature = "manual")]
-        Command::Manual(args) => commands::manual::run(&args, command_line::unwrapped),
+        Command::Manual(args) => commands::manual::run(&args, command_line::ungrouped),
     }?;
     Ok(ExitCode::SUCCESS)
 }

@@ -31,7 +31,6 @@ use crate::{
         view::ViewArgs,
     },
     failure::Failure,
-    terminal::help,
 };
 
 const EXAMPLES: &str = "\
@@ -172,16 +171,18 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
-/// The command line, with texts wrapped for the terminal.
+/// The command line, with the commands in groups.
 fn command() -> clap::Command {
-    let command = unwrapped();
-    let groups = grouped(&command);
-    help::wrapped(command, &groups)
+    let command = ungrouped();
+    let list = grouped(&command);
+    command.help_template(format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}\n\nOptions:\n{{options}}{{after-help}}"
+    ))
 }
 
 /// The command line. "-5" is the value of a flag rather than a flag, so that the error says what is
 /// wrong with the number.
-pub(crate) fn unwrapped() -> clap::Command {
+pub(crate) fn ungrouped() -> clap::Command {
     fn with_negative_numbers(command: clap::Command) -> clap::Command {
         let takes_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
         let command = command.mut_args(|arg| if takes_value(&arg) { arg.allow_negative_numbers(true) } else { arg });

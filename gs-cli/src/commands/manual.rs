@@ -42,12 +42,12 @@ fn write(folder: &Path, name: &str, command_line: fn() -> clap::Command) -> io::
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command_line::unwrapped;
+    use crate::command_line::ungrouped;
 
     #[test]
     fn each_command_has_a_page_and_completions() {
         let place = tempfile::tempdir().unwrap();
-        write(place.path(), "gs", unwrapped).unwrap();
+        write(place.path(), "gs", ungrouped).unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         assert!(text("man/gs-fit.1").contains("\\-\\-gaussians"), "{}", text("man/gs-fit.1"));
         for shell in ["gs.bash", "_gs", "gs.fish", "_gs.ps1"] {
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn another_name_is_that_of_pages_and_completions() {
         let place = tempfile::tempdir().unwrap();
-        write(place.path(), "splats", unwrapped).unwrap();
+        write(place.path(), "splats", ungrouped).unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         for file in ["man/splats.1", "man/splats-fit.1"] {
             assert!(

@@ -11,10 +11,8 @@ use std::{
     path::Path,
 };
 
-use console::Term;
 use serde::Serialize;
 
-use super::help;
 use crate::failure::Failure;
 
 /// How much a long-running command prints.
@@ -63,10 +61,9 @@ fn lines(text: impl Display) -> String {
     text.to_string().split('\n').map(printable).collect::<Vec<_>>().join("\n")
 }
 
-/// Prints a result to standard output, wrapped between words if that is a terminal.
+/// Prints a result to standard output.
 pub(crate) fn result(text: impl Display) -> Result<(), Failure> {
-    let columns = Term::stdout().size_checked().map(|(_, columns)| columns.into());
-    write_result(&wrapped(&lines(text), columns))
+    write_result(&lines(text))
 }
 
 /// Prints a result as the flag `--json` asks: as JSON, or as text.
@@ -107,16 +104,9 @@ pub(crate) fn in_columns(rows: &[Vec<String>]) -> String {
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Prints a line to standard error, wrapped between words if that is a terminal. Errors of writing
-/// are ignored.
+/// Prints a line to standard error. Errors of writing are ignored.
 pub(crate) fn note(line: impl Display) {
-    let columns = Term::stderr().size_checked().map(|(_, columns)| columns.into());
-    let _ = writeln!(io::stderr().lock(), "{}", wrapped(&lines(line), columns));
-}
-
-/// The lines, wrapped at this width if there is one.
-fn wrapped(text: &str, columns: Option<usize>) -> Cow<'_, str> {
-    columns.map_or(Cow::Borrowed(text), |columns| Cow::Owned(help::wrap(text, columns)))
+    let _ = writeln!(io::stderr().lock(), "{}", lines(line));
 }
 
 /// A path as one word of a shell's command line.
@@ -144,23 +134,6 @@ mod tests {
             assert!(matches!(printable(shown), Cow::Borrowed(same) if same == shown), "{shown}");
         }
         assert_eq!(lines("one\ntwo\r"), "one\ntwo\\r");
-    }
-
-    #[test]
-    fn notes_are_wrapped_between_words_on_a_terminal() {
-        let note =
-            "cpu (avx512, 2 threads): no GPU was found, the fastest SIMD level of this machine, one thread a core";
-        let at_80 =
-            "cpu (avx512, 2 threads): no GPU was found, the fastest SIMD level of this\nmachine, one thread a core";
-        assert_eq!(wrapped(note, Some(80)), at_80);
-        for columns in [20, 60, 80] {
-            let text = wrapped(note, Some(columns));
-            assert!(text.lines().all(|line| line.len() <= columns), "{text}");
-            assert_eq!(text.split_whitespace().collect::<Vec<_>>(), note.split_whitespace().collect::<Vec<_>>());
-        }
-        assert_eq!(wrapped(note, None), note);
-        assert_eq!(wrapped("a folder\n写真写真 写真", Some(8)), "a folder\n写真写真\n写真", "wide characters");
-        assert_eq!(wrapped("\n0123456789\n", Some(4)), "\n0123456789\n", "long words and line breaks stay");
     }
 
     #[test]
