@@ -1,10 +1,11 @@
 //! Messages about files that are not images, unreadable images, and files with several images.
 
-use std::fs;
+use std::{fs, io::Cursor};
 
 use gs_core::Image;
 use gs_io::{Animation, Error, read_image, write_animation};
 use image::{Frame, ImageBuffer, ImageFormat, codecs::gif::GifEncoder};
+use tiff::encoder::{TiffEncoder, colortype::RGB8};
 
 use super::{encoded, folder, refusal, rgb_pattern, saved};
 
@@ -99,6 +100,20 @@ fn animation_reads_first_frame() {
         let loaded = read_image(saved(place.path(), "a", &bytes)).unwrap();
         assert_eq!((loaded.image.size(), loaded.image.pixel(0, 0)[0]), ((6, 4), red));
     }
+}
+
+#[test]
+fn only_the_first_page_is_read() {
+    let place = folder();
+    let mut bytes = Cursor::new(Vec::new());
+    {
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+        encoder.write_image::<RGB8>(6, 6, &[200; 108]).unwrap();
+        encoder.write_image::<RGB8>(3, 3, &[100; 27]).unwrap();
+    }
+    let loaded = read_image(saved(place.path(), "a.tif", &bytes.into_inner())).unwrap();
+    assert_eq!(loaded.image.size(), (6, 6));
+    assert!(loaded.image.pixels().iter().all(|pixel| *pixel == [200.0 / 255.0; 3]));
 }
 
 #[test]

@@ -109,6 +109,17 @@ mod tests {
     }
 
     #[test]
+    fn values_of_a_wrong_type_are_named_by_their_keys() {
+        for (text, expected) in [
+            ("iterations = 'a'", "iterations: invalid type: string \"a\""),
+            ("adam.mean.learning-rate = 'a'", "adam.mean.learning-rate: invalid type: string \"a\""),
+        ] {
+            let message = with(text).unwrap_err();
+            assert!(message.starts_with(expected), "{text}: {message}");
+        }
+    }
+
+    #[test]
     fn settings_of_trainings_are_replaced_in_the_same_way() {
         let over = "resolution = { coarse-to-fine = { from = 4, full-after = 0.5 } }\nadam.epsilon = 0.5\n\
                     render.effects.order = 'per-pixel'\npolicy.kind = 'mcmc'";

@@ -397,7 +397,7 @@ fn study_errors_name_the_place_and_the_key_in_one_line() {
         ("policy = 'none'", "start = 'depths'", "arm `none`: start: start is depths"),
         ("policy = 'none'", "start = 'nowhere'", "unknown name `nowhere`"),
         ("holdout = 4", "hold-out = 4", "line 8: unknown key `hold-out` in [dataset]: did you mean `holdout`?"),
-        ("sh-degree = 1", "sh-degree = 7", "arm `none`: settings: "),
+        ("sh-degree = 1", "sh-degree = 7", "arm `none`: settings: sh-degree is 7"),
         ("exactly = true", "gaussians = 7", "`gaussians` is not for settings"),
         ("scenes = ['one', 'two']", "images = ['paper']", "[dataset] is for scenes"),
         ("scenes = ['one', 'two']", "scenes = []", "images: there are none"),

@@ -1,7 +1,7 @@
 //! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
 //! and the nearest known key.
 
-use std::{fmt, path::Path};
+use std::{fmt, ops::Range, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
 use toml::{
@@ -59,13 +59,17 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
     toml::from_str(text).map_err(|error| {
         let span = error.span().unwrap_or(0..0);
         let start = span.start;
-        match Unknown::of(error.message(), text, start) {
-            Some(unknown) => (unknown.start, unknown.to_string()),
-            None if text.get(span).is_some_and(|value| value.parse::<toml::value::Datetime>().is_ok()) => {
-                (start, "no setting is a date: put a text in quotes".to_owned())
-            }
-            None => (start, error.message().replace("wanted string or table", "expected a name in quotes, or a table")),
+        if let Some(unknown) = Unknown::of(error.message(), text, start) {
+            return (unknown.start, unknown.to_string());
         }
+        let is_date = |value: &str| value.parse::<toml::value::Datetime>().is_ok();
+        let problem = match text.get(span.clone()).is_some_and(is_date) {
+            true => "no setting is a date: put a text in quotes".to_owned(),
+            false => error.message().replace("wanted string or table", "expected a name in quotes, or a table"),
+        };
+        let document = DeTable::parse(text).ok().filter(|_| !span.is_empty());
+        let key = document.and_then(|document| key_of(document.get_ref(), &span, ""));
+        (start, key.map(|key| key + ": ").unwrap_or_default() + &problem)
     })
 }
 
@@ -199,8 +203,7 @@ fn find(table: &DeTable<'_>, word: &str, path: &str, places: &mut Vec<(usize, St
         if name.get_ref() == word || value.get_ref().as_str() == Some(word) {
             places.push((name.span().start, path.to_owned()));
         }
-        let path = if path.is_empty() { name.get_ref().to_string() } else { format!("{path}.{}", name.get_ref()) };
-        find_within(value, word, &path, places);
+        find_within(value, word, &joined(path, name.get_ref()), places);
     }
 }
 
@@ -210,6 +213,25 @@ fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mu
         DeValue::Array(values) => values.iter().for_each(|value| find_within(value, word, path, places)),
         _ => {}
     }
+}
+
+/// The path of the innermost key whose value, or an element of it, has this place in the text.
+fn key_of(table: &DeTable<'_>, span: &Range<usize>, path: &str) -> Option<String> {
+    table.iter().find_map(|(name, value)| key_within(value, span, &joined(path, name.get_ref())))
+}
+
+fn key_within(value: &Spanned<DeValue<'_>>, span: &Range<usize>, path: &str) -> Option<String> {
+    let inner = match value.get_ref() {
+        DeValue::Table(table) => key_of(table, span, path),
+        DeValue::Array(values) => values.iter().find_map(|value| key_within(value, span, path)),
+        _ => None,
+    };
+    inner.or_else(|| (value.span() == *span).then(|| path.to_owned()))
+}
+
+/// The path of a key in the table with this path, which is empty for the file's own.
+fn joined(path: &str, name: &str) -> String {
+    if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") }
 }
 
 #[cfg(test)]
@@ -236,10 +258,13 @@ mod tests {
     #[test]
     fn values_of_the_wrong_form_say_what_is_expected() {
         let error = |text: &str| parse::<gs_core::RenderSettings>(text).unwrap_err();
-        assert_eq!(error("background = [1, 1, 1, 0.5]"), "settings.toml:1: expected 3 values, found 4");
-        assert_eq!(error("\nfull-depth = 1979-05-27"), "settings.toml:2: no setting is a date: put a text in quotes");
+        assert_eq!(error("background = [1, 1, 1, 0.5]"), "settings.toml:1: background: expected 3 values, found 4");
+        assert_eq!(
+            error("\nfull-depth = 1979-05-27"),
+            "settings.toml:2: full-depth: no setting is a date: put a text in quotes"
+        );
         let kind = error("\n\n[effects]\nblend = 3");
-        assert!(kind.contains(":4: ") && kind.contains("a name in quotes"), "{kind}");
+        assert!(kind.contains(":4: effects.blend: ") && kind.contains("a name in quotes"), "{kind}");
     }
 
     /// Misspells each key in turn, and expects it to be named, with its table and the right key.
@@ -332,7 +357,11 @@ mod tests {
         let message = parse::<FitSettings>("init.kind = 'radnom'").unwrap_err();
         assert_eq!(message, "settings.toml:1: unknown name `radnom` in [init]: did you mean `random`?");
         let message = parse::<FitSettings>("seed = 3\niterations = 'many'").unwrap_err();
-        assert!(message.starts_with("settings.toml:2: invalid type"), "{message}");
+        assert!(message.starts_with("settings.toml:2: iterations: invalid type"), "{message}");
+        let message = parse::<FitSettings>("[adam.mean]\nbeta1 = 0.5\nlearning-rate = 'a'").unwrap_err();
+        assert!(message.starts_with("settings.toml:3: adam.mean.learning-rate: invalid type"), "{message}");
+        let message = parse::<gs_core::RenderSettings>("background = [0, 'a', 0]").unwrap_err();
+        assert!(message.starts_with("settings.toml:1: background: invalid type"), "{message}");
         assert!(parse::<FitSettings>("seed = = 3").unwrap_err().starts_with("settings.toml:1: "));
     }
 }
