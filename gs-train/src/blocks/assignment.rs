@@ -68,7 +68,7 @@ impl<'a, R: Rasterizer<Scene3d>> Coarse<'a, R> {
         let mut found = vec![Vec::with_capacity(cameras.len()); sets];
         for camera in cameras {
             let maps = Image::from_fn(camera.width, camera.height, |x, y| [1.0, x as f32 + 0.5, y as f32 + 0.5])?;
-            let sums = color_gradients((self.on, &self.grey), camera, &self.render, &maps).await?;
+            let sums = color_gradients((self.on, &self.grey), camera, &self.render, &maps, 1.0).await?;
             let mut of_sets = vec![Lines::new(camera); sets];
             for (sum, sets) in sums.iter().zip(&sets_of) {
                 sets.iter().for_each(|&set| of_sets[set].add(*sum));

@@ -15,7 +15,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use crate::{
     error::Error,
     train::{PosedView, plain},
-    views::{blending_weights, color_gradients, colorless},
+    views::{FOOTPRINT_ALPHA, blending_weights, color_gradients, colorless},
 };
 
 /// A Gaussian that is farther than what a view shows by more than this share of its depth is hidden from the view.
@@ -66,7 +66,7 @@ pub(super) async fn in_front<R: Rasterizer<Scene3d>>(
     let inverse = covered.with(|s| s.output = Output::InverseDepth);
     // Every pixel that a Gaussian reaches has the same weight, and none hides another.
     let mut footprints = colorless(render);
-    footprints.accuracy.alpha_max = 1e-6;
+    footprints.accuracy.alpha_max = FOOTPRINT_ALPHA;
     footprints.effects.order = Order::Index;
     let mut sums = vec![(0.0, 0.0); scene.len()];
     for view in views {
@@ -74,7 +74,7 @@ pub(super) async fn in_front<R: Rasterizer<Scene3d>>(
         let (inverse, _) = on.draw(&shown, &view.camera, &inverse).await?;
         let maps = alpha.pixels().iter().zip(inverse.pixels()).map(|(a, i)| [a[0], i[0], 0.0]).collect();
         let maps = Image::from_pixels(alpha.width(), alpha.height(), maps)?;
-        let of_view = color_gradients((on, &grey), &view.camera, &footprints, &maps).await?;
+        let of_view = color_gradients((on, &grey), &view.camera, &footprints, &maps, FOOTPRINT_ALPHA).await?;
         for (index, (sum, Vec3 { x: alpha, y: inverse, .. })) in sums.iter_mut().zip(of_view).enumerate() {
             let front = 1.0 - view.camera.to_camera(scene.means[index]).z * inverse / alpha;
             if front > -HIDDEN {

@@ -22,13 +22,10 @@ use rand::{SeedableRng, seq::index};
 
 use self::maps::maps;
 use crate::error::Error;
-use crate::views::{color_gradients, colorless, images};
+use crate::views::{FOOTPRINT_ALPHA, color_gradients, colorless, images};
 
 /// Stream of random numbers for the views, independent of all others.
 const EVIDENCE_STREAM: u64 = 0x6576_6964;
-
-/// α in every pixel of a footprint. A thousand Gaussians in front hide a thousandth of a pixel.
-const FOOTPRINT_ALPHA: f32 = 1e-6;
 
 /// The views, of `count`, for the evidence of the round after `step` steps, by index.
 pub(super) fn views_of_round(seed: u32, step: u32, count: usize, request: &EvidenceRequest) -> Vec<usize> {
@@ -99,14 +96,14 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
             let maps = maps(&rendered, &posed.over(background)?, mask, &self.request)?;
             let mut view = ViewEvidence { loss, ..ViewEvidence::default() };
             if self.request.blended {
-                view.blended = self.sums(camera, &self.render, &maps).await?;
+                view.blended = self.sums(camera, &self.render, &maps, 1.0).await?;
             }
             if self.request.covered {
                 let mut footprints = self.render;
                 footprints.accuracy.alpha_max = FOOTPRINT_ALPHA;
                 footprints.effects.blend = Blend::Over;
                 footprints.effects.order = Order::Index;
-                view.covered = self.sums(camera, &footprints, &maps).await?;
+                view.covered = self.sums(camera, &footprints, &maps, FOOTPRINT_ALPHA).await?;
             }
             if self.request.geometry {
                 (view.depth, view.radius_px) = geometry(self.scene, camera, &self.render);
@@ -149,9 +146,15 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
         self.evidence
     }
 
-    /// Sums of the three maps over the pixels.
-    async fn sums(&self, camera: &Camera, render: &RenderSettings, maps: &Image) -> Result<PixelSums, Error> {
-        let sums = color_gradients((self.on, &self.plain), camera, &colorless(render), maps).await?;
+    /// Sums of the three maps over the pixels, in units of the weight `unit`.
+    async fn sums(
+        &self,
+        camera: &Camera,
+        render: &RenderSettings,
+        maps: &Image,
+        unit: f32,
+    ) -> Result<PixelSums, Error> {
+        let sums = color_gradients((self.on, &self.plain), camera, &colorless(render), maps, unit).await?;
         let channel = |k: usize| sums.iter().map(|sum| sum[k]).collect();
         Ok(PixelSums { pixels: channel(0), error: channel(1), high_error: channel(2) })
     }

@@ -25,5 +25,5 @@ pub(crate) use self::{
     order::Order,
     resolution::{possible, reduced, reduced_camera},
     view::STAND_INS,
-    weights::{blending_weights, color_gradients, colorless},
+    weights::{FOOTPRINT_ALPHA, blending_weights, color_gradients, colorless},
 };

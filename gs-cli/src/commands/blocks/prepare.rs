@@ -107,6 +107,9 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()
     });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
+    // If the trial is stopped, the folder is finished and has a map, which shows no times.
+    let drawn = output.write(MAP, map(&plan, views.train_cameras(), &[]));
+    drawn.inspect_err(|_| preparing.abandon())?;
     let folder = preparing.finish(origin, plan)?;
     let seconds = folder.expected_seconds(&backend.rasterizer, &views, TRIAL).block_on().unwrap_or_else(|error| {
         output::note(format_args!("note: how long the blocks take is not known: a trial failed ({error})"));

@@ -2,13 +2,14 @@
 //! its error are measured on the given scene, views and machine.
 //!
 //! A `Sweep` is a scene on several candidates: backends, instruction sets and configurations.
-//! [`Search::run`] measures every setting alone: its time, and its error
-//! against a rendering without cut-offs. Measurements are interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
-//! settings. Differences in time below the difference of these two are noise.
+//! [`Search::run`] measures every setting alone: its time, and its error against a rendering without
+//! cut-offs. Measurements are interleaved, after a warm-up. Each backend's default is measured twice,
+//! as if it were two settings. Differences in time below the difference of these two are noise.
 //!
 //! The reference picture has the effects of the default settings and no cut-offs: no α cut, no
-//! early stop at full pixels. The first backend that can render it does. Other sort orders, other antialiasing and fewer SH coefficients
-//! change the picture; their error is the difference from the reference.
+//! early stop at full pixels. The first backend that can render it makes it. Other sort orders, other
+//! antialiasing and fewer SH coefficients change the picture; their error is the difference from the
+//! reference.
 //!
 //! `Binning::Reuse` is not measured: it is an approximation of training steps, not of a picture.
 
@@ -51,8 +52,7 @@ where
     /// Measures every setting alone, on every backend. Reports its progress to `watch`.
     ///
     /// # Errors
-    /// Those of the backends;
-    /// [`gs_core::Error::Setting`] without a view or a backend.
+    /// Those of the backends; [`gs_core::Error::Setting`] without a view or a backend.
     pub fn run(self, watch: &mut dyn FnMut(&str)) -> Result<Frontier, Error> {
         let Self { scene, backends, shown, views, seconds } = self;
         let mut all = Vec::new();

@@ -113,6 +113,8 @@ pub struct Frontier {
     pub(crate) refused: Vec<Refused>,
     /// The noise of each backend.
     pub(crate) noise: Vec<BackendNoise>,
+    /// The backend that rendered the reference, which is its row without cut-offs.
+    pub(crate) reference: String,
     /// Number of views.
     pub(crate) views: usize,
 }
@@ -124,6 +126,11 @@ impl Frontier {
     /// The figure of error against time, as SVG.
     pub fn svg(&self, title: &str) -> String {
         self.figure(title).svg_file()
+    }
+
+    /// Whether a row is the reference of the errors.
+    fn is_reference(&self, row: &Measured) -> bool {
+        row.role == Role::Tightest && row.backend == self.reference
     }
 
     /// All rows. Those marked with `*` are on the frontier of their backend.
@@ -142,23 +149,30 @@ impl Frontier {
             "PSNR, dB",
             "> 1/255, %",
         ];
-        let row = |row: &Measured| {
+        let row = |row: &Measured| -> Vec<Cell> {
             let default = self.rows.iter().find(|other| other.backend == row.backend && other.role == Role::Default);
             let Quantiles { low, median, high } = row.seconds.spread.times(1e3);
-            vec![
+            let is_reference = self.is_reference(row);
+            let error = match is_reference {
+                true => [Cell::Empty, Cell::Empty, Cell::Empty, Cell::Empty],
+                false => [
+                    Cell::Significant(row.error.max, 2),
+                    Cell::Significant(row.error.mean, 2),
+                    Cell::Fixed(row.error.psnr, 1),
+                    Cell::Fixed(100.0 * row.error.share_visible, 2),
+                ],
+            };
+            let time = vec![
                 if row.on_frontier { "*" } else { "" }.into(),
                 row.backend.as_str().into(),
-                row.name().into(),
+                (row.name() + if is_reference { " (reference)" } else { "" }).into(),
                 Cell::Fixed(median, 3),
                 Cell::Fixed(low, 3),
                 Cell::Fixed(high, 3),
                 Cell::Fixed(default.map_or(f64::NAN, |default| row.median() / default.median()), 2),
                 row.comparison.words().into(),
-                Cell::Significant(row.error.max, 2),
-                Cell::Significant(row.error.mean, 2),
-                Cell::Fixed(row.error.psnr, 1),
-                Cell::Fixed(100.0 * row.error.share_visible, 2),
-            ]
+            ];
+            time.into_iter().chain(error).collect()
         };
         Table::new("frontier", "", &columns, self.rows.iter().map(row).collect())
     }
@@ -208,8 +222,9 @@ impl fmt::Display for Frontier {
         write!(
             f,
             "\n*: on the frontier: no other settings of the backend are both quicker and as exact. x: time divided by the default's. Errors \
-             are maxima over all channels and pixels of {}, against a rendering without cut-offs.",
-            counted(self.views, "view")
+             are maxima over all channels and pixels of {}, against a rendering without cut-offs by {}.",
+            counted(self.views, "view"),
+            self.reference
         )
     }
 }

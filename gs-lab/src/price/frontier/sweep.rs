@@ -111,11 +111,13 @@ impl<V> Sweep<'_, V> {
         Ok(None)
     }
 
-    /// The reference pictures of the views, by the first backend that can render without cut-offs.
-    fn references(&self, views: &[V]) -> Result<Vec<Image>, Error> {
+    /// The reference pictures of the views, and the backend that renders them: the first that can
+    /// render without cut-offs.
+    fn references(&self, views: &[V]) -> Result<(String, Vec<Image>), Error> {
         let settings = self.tightest();
-        let able = self.able(&settings, views)?.unwrap_or_default();
-        views.iter().map(|view| self.candidates[able].renderer.image(view, &settings)).collect()
+        let Candidate { backend, renderer, .. } = &self.candidates[self.able(&settings, views)?.unwrap_or_default()];
+        let images = views.iter().map(|view| renderer.image(view, &settings)).collect::<Result<_, _>>()?;
+        Ok((backend.clone(), images))
     }
 
     /// The error of a candidate's pictures.
@@ -157,7 +159,7 @@ impl<V> Sweep<'_, V> {
         let seconds = seconds.max(least);
         Ok(format!(
             "measuring {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {}, \
-             and some seconds for their pictures",
+             and some seconds to compare their pictures with the reference",
             settings * renderings,
             duration(seconds)
         ))
@@ -183,7 +185,7 @@ pub(super) fn search<V>(
         rows.extend(sweep.single_rows(base));
     }
     watch(&sweep.announcement(&rows, views, seconds)?);
-    let references = sweep.references(views)?;
+    let (reference, references) = sweep.references(views)?;
     let mut refused = Vec::new();
     let mut rows = sweep.admitted(rows, views, &mut refused)?;
     watch(&format!("measuring {} settings in turn", rows.len()));
@@ -195,7 +197,7 @@ pub(super) fn search<V>(
     let noise = sweep.bases().into_iter().map(|base| judge(&sweep.candidates[base].backend, &mut rows)).collect();
     let place = |row: &Measured| sweep.candidates.iter().position(|candidate| candidate.backend == row.backend);
     rows.sort_by(|a, b| place(a).cmp(&place(b)).then(a.median().total_cmp(&b.median())));
-    Ok(Frontier { rows, refused, noise, views: views.len() })
+    Ok(Frontier { rows, refused, noise, reference, views: views.len() })
 }
 
 fn noise_of<'r>(rows: impl Iterator<Item = &'r Measured> + Clone) -> Noise {
