@@ -46,7 +46,8 @@ struct Step {
     dropout_seed: u32,
     // Number of Gaussians, the first, that Adam and edits leave as they are.
     fixed: u32,
-    unused: u32,
+    // Aligns the rates to 16 bytes.
+    padding: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
     // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
     // per number.

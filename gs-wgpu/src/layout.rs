@@ -226,7 +226,8 @@ pub struct Step {
     pub(crate) dropout_seed: u32,
     /// The first Gaussians, which do not change.
     pub(crate) fixed: u32,
-    pub(crate) unused: u32,
+    /// Aligns the rates to 16 bytes, as WGSL does with vectors.
+    pub(crate) padding: u32,
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -359,7 +360,7 @@ mod tests {
                 dropout_threshold,
                 dropout_seed,
                 fixed,
-                unused,
+                padding,
                 rates,
                 decays,
             }

@@ -94,13 +94,13 @@ pub(crate) enum Command {
     Fit(Box<FitArgs>),
     /// Compress images as .gsi files
     Encode(Box<EncodeArgs>),
-    /// Find the camera poses of photographs or a video with COLMAP, and make a data set of them
+    /// Make a data set of photographs or a video, with poses by COLMAP
     Poses(Box<PosesArgs>),
     /// Train a 3D scene from posed images, photographs or a video
     Train(Box<TrainArgs>),
-    /// Train a large 3D scene in blocks, which any number of processes and machines share
+    /// Train a large 3D scene in blocks, on any number of machines
     Blocks(Box<BlocksArgs>),
-    /// Render a scene as a PNG of any size, or from moving cameras
+    /// Render a scene at any size, or from moving cameras
     #[command(visible_alias = "decode")]
     Render(Box<RenderArgs>),
     /// Show a scene in a window
@@ -109,27 +109,27 @@ pub(crate) enum Command {
     Page(PageArgs),
     /// Show the scenes and runs of a folder in a browser, also over ssh
     Serve(ServeArgs),
-    /// Compare two images, or a scene with its image or data set: PSNR, SSIM, L1
+    /// Compare two images, or a scene with its image or data set
     Eval(Box<EvalArgs>),
-    /// Convert a 3D scene to PLY, .splat, SPZ, SOG, streamed SOG or glTF, or a .gsi file to a 2D scene
+    /// Convert a 3D scene to another format, or a .gsi file to a 2D scene
     Convert(Box<ConvertArgs>),
-    /// Move, turn, scale, crop, filter or join 3D scenes, or remove floaters
+    /// Move, turn, scale, crop, filter or join 3D scenes
     Edit(Box<EditArgs>),
-    /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
+    /// Show what is in a scene, checkpoint or data set, or list the GPUs
     Info(Box<InfoArgs>),
     /// Find broken Gaussians in a scene
     Doctor(DoctorArgs),
     /// Measure the time of a training step, stage by stage
     Profile(Box<ProfileArgs>),
-    /// Show which effects a scene requires, and what each one costs and changes
+    /// Show which effects a scene requires, and what each one costs
     Effects(Box<EffectsCommandArgs>),
     /// Measure what accuracy costs in time
     Frontier(Box<FrontierArgs>),
-    /// Measure how much a 3D scene flickers while the camera moves, in both orders of blending
+    /// Measure how much a 3D scene flickers while the camera moves
     Popping(Box<PoppingArgs>),
-    /// Compare density policies over images, budgets and seeds, with intervals and a report
+    /// Compare density policies over images, budgets and seeds
     Study(Box<StudyArgs>),
-    /// Repeat the paper's experiments, and compare its claims with measurements
+    /// Repeat the paper's experiments, and check its claims
     Paper(Box<PaperArgs>),
     /// Write the man pages and the completions of shells
     #[cfg(feature = "manual")]
@@ -303,6 +303,15 @@ mod tests {
             assert!(names.iter().all(|name| help.contains(&format!("\n  {name:<8}  "))), "{help}");
         }
         assert!(help.contains("--version") && help.contains("Examples:"), "{help}");
+    }
+
+    /// The parser breaks lines of texts between words, but not those of a template.
+    #[test]
+    fn the_list_of_commands_fits_into_80_columns() {
+        let list = grouped(&command());
+        for line in list.lines() {
+            assert!(line.chars().count() <= 80, "{line}");
+        }
     }
 
     #[test]
