@@ -14,7 +14,7 @@ use super::{
 use crate::{run::Finished, study::Matching};
 
 /// Counts that differ by more than this share are treated as different.
-const EQUAL_COUNT: f64 = 0.01;
+pub(crate) const EQUAL_COUNT: f64 = 0.01;
 
 /// Fewest seeds of each scene for an interval over seeds: of two, the lowest and the highest mean
 /// are closer together than Student's interval is wide.

@@ -21,7 +21,7 @@ pub use self::{claim::significant, tables::Results};
 pub(crate) use self::{
     claim::{Circumstance, Claim, ClaimVerdict, claims_csv, verdicts},
     comparison::Difference,
-    contrast::Judged,
+    contrast::{EQUAL_COUNT, Judged},
     export::{csv_row, write_tables},
     factorial::{Effect, EffectOf},
     reach::Reach,

@@ -87,7 +87,8 @@ struct Line {
 }
 
 impl Line {
-    /// The Theil–Sen line: median slope and median intercept, which a few slow steps hardly change; 0 without points.
+    /// The Theil–Sen line: median slope and median intercept, which a few slow steps hardly change.
+    /// Without points, both are 0.
     fn through(points: &[(u32, f64)]) -> Self {
         let slopes = points.iter().enumerate().flat_map(|(i, a)| {
             points[..i].iter().filter(|b| b.0 != a.0).map(|b| (a.1 - b.1) / (f64::from(a.0) - f64::from(b.0)))

@@ -2,14 +2,15 @@
 //! its error are measured on the given scene, views and machine.
 //!
 //! A `Sweep` is a scene on several candidates: backends, instruction sets and configurations.
-//! [`Search::run`] measures every setting alone: its time, and its error against a rendering without
-//! cut-offs. Measurements are interleaved, after a warm-up. Each backend's default is measured twice,
-//! as if it were two settings. Differences in time below the difference of these two are noise.
+//! [`Search::run`] measures every setting alone: its time, and its error against a rendering
+//! without cut-offs. Measurements are interleaved, after a warm-up. Each backend's default is
+//! measured twice, as if it were two settings. Differences in time below the difference of these
+//! two are noise.
 //!
 //! The reference picture has the effects of the default settings and no cut-offs: no α cut, no
-//! early stop at full pixels. The first backend that can render it makes it. Other sort orders, other
-//! antialiasing and fewer SH coefficients change the picture; their error is the difference from the
-//! reference.
+//! early stop at full pixels. The first backend that can render it makes it. Other sort orders,
+//! other antialiasing and fewer SH coefficients change the picture; their error is the difference
+//! from the reference.
 //!
 //! `Binning::Reuse` is not measured: it is an approximation of training steps, not of a picture.
 

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use crate::{
     report::page::{Page, words::capital},
-    result::FEWEST,
+    result::{EQUAL_COUNT, FEWEST},
     run::RunOutcome,
     study::{Arm, Clock, Run, StudyTarget, VERSION},
 };
@@ -75,8 +75,11 @@ impl Page<'_> {
         html! {
             section {
                 h2 { "How this was done" }
-                p { "docs/studies/README.md of gs says how arms are compared." }
                 ul {
+                    li { "Equal count: arms are compared at the ends of their runs, if their numbers of Gaussians differ by at most "
+                        (format!("{:.0}", 100.0 * EQUAL_COUNT)) " %." }
+                    li { "Equal iterations: arms are compared at the last step that all of them have reached." }
+                    li { "Equal time: arms are compared after the time that the study's fastest arm takes." }
                     @if plan.study.is_of_scenes() {
                         li { "Verdicts hold for " @if plan.targets.len() < FEWEST {
                             "other seeds and views of these scenes, as there are fewer than " (FEWEST)

@@ -38,8 +38,8 @@ fn wrong(key: &str, why: impl Display) -> String {
 
 /// The kind of scene of a run, as far as a plan needs it.
 pub(crate) trait Planned: Trainable {
-    /// The settings of an arm before its table of settings, without the seed. An error is which of its keys is
-    /// wrong, and why.
+    /// The settings of an arm before its table of settings, without the seed. The error names the
+    /// wrong key and the reason.
     fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<Self::Settings, String>;
 
     /// The settings with the seed, and with numbers that depend on others.
