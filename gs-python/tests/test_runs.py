@@ -163,8 +163,8 @@ def test_wrong_images(wrong: Any, error: type[Exception], says: str) -> None:
         ({"gaussians": 0}, "number of Gaussians is 0"),
         ({"preset": "fast"}, "preset"),
         ({"policy": "abs"}, "policy"),
-        ({"settings": {"adam": {"meen": 1}}}, r"settings\.adam\.meen: .*mean"),
-        ({"settings": {"seed": "a"}}, r"settings\.seed: "),
+        ({"settings": {"adam": {"meen": 1}}}, "settings: .*`meen` in .adam.*mean"),
+        ({"settings": {"seed": "a"}}, "settings: seed: "),
         ({"settings": {"seed": object()}}, "settings: not possible as settings"),
     ],
 )
@@ -265,7 +265,7 @@ def test_wrong_arguments_of_a_training(dataset: Path, cpu: gs.Backend, tmp_path:
         gs.train(dataset, start="points", backend=cpu)
     with pytest.raises(TypeError, match="start: expected a name or a Scene3d, not int"):
         gs.train(dataset, start=3, backend=cpu)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"reading\.max_size: .*max-size"):
+    with pytest.raises(ValueError, match="reading: .*`max_size`.*max-size"):
         gs.train(dataset, reading={"max_size": 3}, backend=cpu)
     with pytest.raises(OSError):
         gs.train(tmp_path / "nothing", backend=cpu)

@@ -11,9 +11,9 @@ const SAMPLES: usize = 50_000;
 impl Scene3d {
     /// About `count` of the Gaussians, for pictures that must come soon; all if there are no more.
     ///
-    /// The share of a Gaussian is in proportion to its area (of the two longest axes) times its opacity, and at most
-    /// 1. One stays wherever the sum of the shares passes a whole number. It grows by the inverse of its share, at most
-    /// threefold in length, so that the covered area stays the same on average where shares are a ninth or more.
+    /// Each Gaussian has a share: in proportion to its area (of the two longest axes) times its opacity, and one at
+    /// most. It stays where the sum of all shares so far passes a whole number, and grows by the inverse of its share,
+    /// at most threefold in length. So the covered area stays the same on average where shares are a ninth or more.
     /// Neighbours in memory should be neighbours in space, as those of a SOG are: then those that stay are evenly
     /// spread.
     ///

@@ -114,7 +114,7 @@ fn chunks_come_one_after_the_other_and_what_is_there_stands_in_for_the_others() 
     assert_eq!(levels.missing(&[0, 3], at(1)), [chunk(0)]);
     assert_eq!(count(&mut levels, &[0, 3]), of([counts[0][3], counts[1][3]]));
     levels.add(&chunk(0), Some(&files(0))).unwrap();
-    assert_eq!(levels.missing(&[0, 3], at(1)), [PathBuf::new(); 0]);
+    assert!(levels.missing(&[0, 3], at(1)).is_empty());
     assert_eq!(levels.read(&[0, 3]).unwrap(), StreamedSog::open(&path).unwrap().read(&[0, 3]).unwrap().scene);
     assert_eq!(count(&mut levels, &[5, 4]), of([counts[0][6], counts[1][6]]));
     assert_eq!(count(&mut levels, &[6, 0]), of([counts[0][6], counts[1][0]]));
