@@ -76,11 +76,13 @@ impl Bulk {
         Self::around(&seen.iter().map(|index| (scene.means[*index], extent(index))).collect::<Vec<_>>())
     }
 
-    /// The bulk of a scene of which only the cells are known, each a ball around its bounds. `None` where there is no
+    /// The bulk of a scene of which only the cells are known, as if each were filled evenly. `None` where there is no
     /// cell.
     pub fn of_cells(tree: &LodNode) -> Option<Self> {
-        let ball = |bounds: &Bounds| (bounds.min.midpoint(bounds.max), 0.5 * bounds.min.distance(bounds.max));
-        Self::around(&tree.cells().iter().map(|(bounds, _)| ball(bounds)).collect::<Vec<_>>())
+        // The root of the mean squared distance of points in a box from its centre is its diagonal over √12.
+        let spread =
+            |bounds: &Bounds| (bounds.min.midpoint(bounds.max), bounds.min.distance(bounds.max) / 12f32.sqrt());
+        Self::around(&tree.cells().iter().map(|(bounds, _)| spread(bounds)).collect::<Vec<_>>())
     }
 
     /// The bulk of things with a position and an extent.
@@ -237,6 +239,36 @@ mod tests {
     fn middle(camera: &Camera, point: Vec3) -> f32 {
         let (at, _) = camera.project(point).unwrap();
         (at - camera.center).length()
+    }
+
+    #[test]
+    fn the_bulk_of_cells_is_about_that_of_their_gaussians() {
+        let at =
+            |k: usize| Vec3::new((k as f32 * 0.618_034).fract() * 40.0, 3.0, (k as f32 * 0.754_877_7).fract() * 40.0);
+        let scene: Scene3d = (0..6400)
+            .map(|k| Gaussian3d {
+                mean: at(k),
+                log_scale: Vec3::splat(-6.0),
+                rotation: [1.0, 0.0, 0.0, 0.0],
+                opacity_logit: 2.0,
+                sh: vec![Vec3::ZERO],
+            })
+            .collect();
+        let all = Bulk::of(&scene).unwrap();
+        for cells in [1, 4, 16] {
+            let side = 40.0 / cells as f32;
+            let corner = |k: usize| Vec3::new((k % cells) as f32 * side, 3.0, (k / cells) as f32 * side);
+            let cell = |k: usize| LodNode::Leaf {
+                bounds: Bounds { min: corner(k), max: corner(k) + Vec3::new(side, 0.0, side) },
+                levels: Vec::new(),
+            };
+            let bounds = Bounds { min: Vec3::new(0.0, 3.0, 0.0), max: Vec3::new(40.0, 3.0, 40.0) };
+            let tree = LodNode::Inner { bounds, children: (0..cells * cells).map(cell).collect() };
+            let bulk = Bulk::of_cells(&tree).unwrap();
+            assert!(bulk.center.distance(all.center) < 8.0, "{bulk:?} {all:?}");
+            let ratio = bulk.radius / all.radius;
+            assert!((0.7..1.3).contains(&ratio), "{cells}: {bulk:?} {all:?}");
+        }
     }
 
     #[test]
