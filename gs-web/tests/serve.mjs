@@ -46,7 +46,9 @@ export const tests = {
       run("convert", at("city.ply"), `${folder}/city/lod-meta.json`);
       const chunks = fs.readdirSync(`${folder}/city`).filter((name) => /^\d+_\d+$/.test(name));
       for (const name of chunks) fs.rmSync(`${folder}/city/${name}/quats.webp`);
-      const broken = await opened(`${home}?backend=cpu&scene=serve/file/city/lod-meta.json`);
+      const broken = await opened(`${home}?backend=cpu`);
+      await broken.page.waitForSelector("#served-list option[value='scene city/lod-meta.json']", { timeout: 60_000 });
+      await broken.page.select("#served-list", "scene city/lod-meta.json");
       await broken.page.waitForFunction(() => /quats\.webp: the server answers 404/.test(document.getElementById("problem").textContent), { timeout: 60_000 });
       report(await problem(broken.page));
       await broken.page.close();
