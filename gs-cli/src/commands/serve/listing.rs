@@ -148,7 +148,7 @@ mod tests {
                 Entry::Scene { path, .. } | Entry::Run { path, .. } => path.as_str(),
             })
             .collect();
-        assert_eq!(names, ["run", "a/c.sog", "b.ply", "run/scene.ply"]);
+        assert_eq!(names, ["run", "a/c.sog", "b.ply", "city/lod-meta.json", "run/scene.ply"]);
         let Entry::Run { table, scene, .. } = &list[0] else { panic!("a run is first") };
         assert_eq!((table.as_str(), scene.as_deref()), ("run/metrics.csv", Some("run/scene.ply")));
     }
