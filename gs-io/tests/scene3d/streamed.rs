@@ -377,7 +377,12 @@ fn files_of_other_programs_are_read() {
     let levels = streamed.tree().cells()[0].1.to_vec();
     // Errors are guessed; no Gaussians at all are the worst.
     assert!(levels[0].error == 0.0 && levels.windows(2).all(|pair| pair[0].error <= pair[1].error), "{levels:?}");
-    meta["environment"] = json!("3_0/meta.json");
+    let sky = path.with_file_name("sky");
+    fs::create_dir(&sky).unwrap();
+    for file in fs::read_dir(path.with_file_name("3_0")).unwrap().map(Result::unwrap) {
+        fs::copy(file.path(), sky.join(file.file_name())).unwrap();
+    }
+    meta["environment"] = json!("sky/meta.json");
     fs::write(&path, meta.to_string()).unwrap();
     assert_eq!(read_3d(&path).unwrap().scene.len(), 70 + 8);
 }
