@@ -29,7 +29,7 @@ use crate::{
 
 /// Gives a rasterizer of both kinds of scenes the methods `for_2d` and `for_3d`.
 ///
-/// The type must be of the calling crate, and implement [`Profiler`](crate::profile::Profiler) for
+/// The type must be defined in the calling crate, and implement [`Profiler`](crate::profile::Profiler) for
 /// [`Scene2d`](crate::Scene2d) and [`Scene3d`](crate::Scene3d).
 #[macro_export]
 macro_rules! impl_for_kinds {

@@ -31,7 +31,7 @@ const requests = {
     return opened.info;
   },
 
-  /** Lets the levels be read that a camera needs, before there is a picture. */
+  /** Requests the levels that a camera needs, before there is a picture. */
   look({ scene, frame }) {
     scenes.get(scene)?.look(frame, [frame.width, frame.height]);
   },

@@ -16,7 +16,7 @@ export interface SceneInfo {
   /** The file's format, such as "SOG". */
   format: string;
   gaussians: number;
-  /** Degree of the spherical harmonics, 0 to 3; 0 for a scene with levels of detail, whose chunks say it. */
+  /** Degree of the spherical harmonics, 0 to 3. Always 0 for a scene with levels of detail: only its chunks say it. */
   shDegree: number;
   /** What was lost or changed when the file was read, in sentences. */
   losses: string[];
@@ -24,7 +24,7 @@ export interface SceneInfo {
   size: [number, number] | null;
   /** The first camera of a 3D scene. */
   home: Camera | null;
-  /** Whether it has levels of detail, which are fetched as cameras need them; `gaussians` are those of the finest. */
+  /** Whether it has levels of detail, fetched as cameras need them. `gaussians` is then that of the finest level. */
   streamed?: boolean;
 }
 
@@ -41,17 +41,17 @@ export interface ViewerOptions {
   /** What a screen reader says of the canvas. */
   label?: string;
   /**
-   * The most Gaussians that are drawn of a scene with levels of detail (`lod-meta.json`), at least 1. Where its
-   * coarsest levels have more, those are drawn, and there may be more while coarser levels are on their way. Default:
-   * 1,000,000 with WebGPU, 300,000 on the CPU.
+   * The most Gaussians of a scene with levels of detail (`lod-meta.json`) that are drawn, at least 1. Default:
+   * 1,000,000 with WebGPU, 300,000 on the CPU. There are more if the coarsest levels have more, or until coarser levels
+   * have been fetched.
    */
   maxGaussians?: number;
   /** After each picture. */
   ondraw?: (picture: Drawn) => void;
   /**
-   * A chunk of a scene with levels of detail could not be fetched: the rest stays open, without it. Or the engine has
-   * stopped while it drew the open scene, and so has the next one, on the CPU: no scene is open then; another one can
-   * be loaded.
+   * Called in two cases. If a chunk of a scene with levels of detail could not be fetched, the scene stays open without
+   * it. If the engine has stopped while it drew the open scene, and the next one, on the CPU, has stopped too, no scene
+   * is open any more; another one can be loaded.
    */
   onerror?: (error: Error) => void;
 }
@@ -63,11 +63,12 @@ export interface Drawn {
   height: number;
   /** The time that it took, ms. */
   took: number;
-  /** The number of Gaussians that the engine has of the scene: of one with levels of detail, those fetched so far. */
+  /** The number of Gaussians of the scene; of a scene with levels of detail, those of the levels that are shown. */
   gaussians: number;
   /**
-   * Whether nothing more will be fetched for the camera: all levels that it needs are there, but for chunks that could
-   * not be fetched. Always true of other scenes. When it becomes true without a new picture, `ondraw` is called again.
+   * Whether nothing more will be fetched for the camera: all levels that it needs are there, except chunks that could
+   * not be fetched. Always true for scenes without levels of detail. When it becomes true without a new picture,
+   * `ondraw` is called again.
    */
   complete: boolean;
 }
@@ -93,10 +94,11 @@ export interface Progress {
 export class Viewer {
   constructor(place: Element, options?: ViewerOptions);
   /**
-   * Opens a scene: PLY, compressed PLY, `.splat`, `.ksplat`, SPZ, SOG, glTF with its buffer inside, 2D scenes,
-   * `.gsi`, or the address of a streamed SOG (`lod-meta.json`). It is drawn when the promise is fulfilled, unless the element has no size yet. The promise is rejected
-   * with an `Error` if the file can't be had, read or drawn; what was open before stays open. It is rejected with an
-   * `AbortError` if another scene is asked for, or the viewer is disposed of, before.
+   * Opens a scene: PLY, compressed PLY, `.splat`, `.ksplat`, SPZ, SOG, glTF with its buffer inside, 2D scenes, `.gsi`,
+   * or the address of a streamed SOG (`lod-meta.json`). When the promise is fulfilled, the scene is drawn, unless the
+   * element has no size yet. The promise is rejected with an `Error` if the file can't be fetched, read or drawn; the
+   * scene that was open before stays open. It is rejected with an `AbortError` if another scene is loaded or the viewer
+   * is disposed of first.
    */
   load(source: Source, options?: LoadOptions): Promise<SceneInfo>;
   /** The scene that is open. */
@@ -116,9 +118,9 @@ export class Viewer {
 }
 
 /**
- * `<gs-viewer src poster background camera fov alt backend max-gaussians controls="none">`. What is inside the element is shown if
- * the scene can't be. Events: `load` (detail: `SceneInfo`), `progress` (detail: `Progress`) and `error` (detail:
- * `error`, `message`).
+ * `<gs-viewer src poster background camera fov alt backend max-gaussians controls="none">`. What is inside the element
+ * is shown if the scene can't be. Events: `load` (detail: `SceneInfo`), `progress` (detail: `Progress`) and `error`
+ * (detail: `error`, `message`).
  */
 export class GsViewerElement extends HTMLElement {
   src: string;

@@ -22,13 +22,13 @@ export class Viewer {
   #loads = 0;
   /**
    * The scene that is open: `{ id, bytes, name, address, info, worker, camera }`, where `worker` is the one that has
-   * it. Those with levels of detail also have `begun`, which is called when the first levels have been fetched.
+   * it. While the first levels of a scene with levels of detail are being fetched, it has `begun`, which ends the wait.
    */
   #scene;
-  /** The scene with levels of detail of which nothing has been fetched yet, and what ends the waiting for it. */
+  /** The scene whose first levels are being fetched, and a function that abandons it. */
   #loading;
   #abandon;
-  /** What `ondraw` was told last. */
+  /** The last picture that `ondraw` was called with. */
   #drawnLast;
   /** The scene on the stage: that one, or one whose first picture is being drawn. */
   #staged;
@@ -165,7 +165,10 @@ export class Viewer {
     }
   }
 
-  /** More of a scene can be drawn, or nothing more comes, or a part of it could not be fetched, or the engine stopped. */
+  /**
+   * Handles an event of a scene: more of it can be drawn, all is there, a part could not be fetched, or the engine
+   * stopped.
+   */
   #changed(worker, { scene: id, error, fatal, complete, isNew }) {
     const why = error && Object.assign(new Error(error), { fatal });
     const scene = [this.#scene, this.#loading].find((scene) => scene?.id === id);
@@ -176,7 +179,7 @@ export class Viewer {
     } else if (!scene || scene !== this.#staged) {
       return;
     } else if (isNew || mayTryCpu) {
-      // A failure closes the scene, or is gone with the next picture.
+      // An error of this picture closes the scene; otherwise, the event's error no longer matters.
       this.#stage.changed().catch(() => {});
     } else if (why) {
       this.#failed(why);
@@ -185,7 +188,7 @@ export class Viewer {
     }
   }
 
-  /** Tells that the last picture, which did not have all that the camera needs when it was drawn, has it after all. */
+  /** Calls `ondraw` again if the last picture was not known to be complete when it was drawn, and is. */
   async #completed(scene) {
     const isRested = await this.#stage.rested();
     if (!isRested || scene !== this.#staged || !this.#drawnLast || this.#drawnLast.complete) return;
@@ -193,7 +196,7 @@ export class Viewer {
     this.#options.ondraw?.({ ...this.#drawnLast });
   }
 
-  /** Something is wrong with the open scene. If the engine has stopped with it, it is closed. */
+  /** Reports an error of the open scene. If the engine has stopped, the scene is closed. */
   #failed(error) {
     if (hasStopped(error)) {
       this.#scene = undefined;
@@ -206,7 +209,7 @@ export class Viewer {
   #stopped(worker) {
     if (worker !== this.#worker) return;
     worker.close();
-    // What it was reading would never come.
+    // The levels that it was reading will never come.
     this.#loading?.begun?.(Object.assign(new Error("the engine stopped"), { fatal: true }));
     if (this.engine?.backend === "wgpu") this.#wanted = "cpu";
     this.engine = this.#worker = this.#opening = undefined;

@@ -1,5 +1,5 @@
-// Reads the levels of detail of a streamed SOG in a worker of its own, coarse levels and near chunks first: fetches
-// chunks, decodes them, and after each hands over all that can be drawn.
+// Reads the levels of detail of a streamed SOG, in a worker of its own. It fetches and decodes chunks, coarse levels
+// and near chunks first. After each chunk, it sends all that can be drawn to the worker that draws.
 
 import { answer, failure } from "./answer.js";
 
@@ -8,19 +8,19 @@ const [ATTEMPTS, BETWEEN] = [3, 1000];
 /** The most images of a chunk. */
 const MOST_IMAGES = 16;
 
-/** Serves requests; `load` makes an instance of the engine's module, and gives its class `Levels`. */
+/** Answers requests. `load` instantiates the engine's module and returns its class `Levels`. */
 export function serveLevels(load) {
   let levels;
   let address;
-  /** What to look at next, and what to call when there is such a thing. */
+  /** The camera to read for next, and what to call when there is one. */
   let next;
   let hurry = () => {};
   let reading = false;
   let hasShown = false;
-  /** Chunks on their way: `{ files, abort }`; and those that could not be fetched, with whether that may change. */
+  /** Chunks that are being fetched, `{ files, abort }`; and those that could not be, with whether that may change. */
   const coming = new Map();
   const absent = new Map();
-  /** Called when the one that draws has taken what was handed over. */
+  /** Called when the worker that draws has taken what was sent. */
   let taken;
 
   const requests = {
@@ -83,14 +83,14 @@ export function serveLevels(load) {
   }
 
   /**
-   * Waits for the first of the chunks that are missing, or for a newer camera, and takes the chunk. The next chunk is
-   * fetched while it is decoded. A chunk that could not be fetched is left out.
+   * Waits for the first of the missing chunks, and adds it; returns early if there is a newer camera. While the chunk
+   * is decoded, the next one is fetched. A chunk that could not be fetched is left out.
    */
   async function take([path, after], newer) {
     try {
       const files = await Promise.race([begun(path).files, newer]);
       if (!files) return;
-      // Nothing delays the first picture.
+      // Before the first picture, one chunk at a time is fetched, so that nothing delays it.
       if (after && hasShown) begun(after);
       levels.add(path, [...files.keys()], [...files.values()]);
     } catch (error) {
@@ -101,7 +101,7 @@ export function serveLevels(load) {
     coming.delete(path);
   }
 
-  /** A chunk on its way, which is fetched once. */
+  /** The chunk at this path, which is being fetched; starts that if necessary. */
   function begun(path) {
     if (!coming.has(path)) {
       const abort = new AbortController();
@@ -112,7 +112,7 @@ export function serveLevels(load) {
     return coming.get(path);
   }
 
-  /** Hands over what can be drawn, if that has changed, and waits until it is taken. */
+  /** Sends what can be drawn, if that has changed, and waits until it is taken. */
   async function show(look) {
     const numbers = levels.shown();
     if (!numbers) return;
@@ -124,7 +124,7 @@ export function serveLevels(load) {
   }
 }
 
-/** The files of a chunk by name: its `meta.json`, and the images beside it that it names. */
+/** The files of a chunk by name: its `meta.json`, and the images next to it that it names. */
 async function filesOf(path, address, signal) {
   const meta = new URL(path.split("/").map(encodeURIComponent).join("/"), address);
   const folder = new URL(".", address).href;
@@ -135,7 +135,7 @@ async function filesOf(path, address, signal) {
   return new Map([[path.split("/").pop(), bytes], ...names.map((name, k) => [name, images[k]])]);
 }
 
-/** The names of the images of a SOG: a file in another folder is not fetched. */
+/** The names of the images of a SOG. Files in other folders are refused. */
 function namesIn(bytes, meta) {
   let parts;
   try {
@@ -151,7 +151,7 @@ function namesIn(bytes, meta) {
   return names;
 }
 
-/** The content of a file. What is wrong with the network or the server may be better a little later. */
+/** The content of a file. After errors of the network or the server, it is tried again a little later. */
 async function bytesOf(url, signal) {
   for (let attempt = 1; ; attempt++) {
     const [bytes, why, mayChange] = await attempted(url, signal);

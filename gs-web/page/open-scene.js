@@ -1,5 +1,5 @@
-// A scene that is open in a worker that draws: that of a file, or what has been fetched so far of a streamed SOG,
-// which another worker reads.
+// A scene that is open in a worker that draws: the scene of a file, or the levels of a streamed SOG that have been
+// fetched so far. Another worker reads the streamed SOG.
 
 import { words } from "./answer.js";
 import { Connection } from "./engine.js";
@@ -7,16 +7,16 @@ import { Connection } from "./engine.js";
 /** The most Gaussians that are drawn of a streamed SOG, by backend. */
 const MOST_GAUSSIANS = { cpu: 300_000, wgpu: 1_000_000 };
 
-/** Memory for levels that are not drawn at present, bytes: cameras often come back. */
+/** Memory for levels that are not drawn at present, bytes. Cameras often come back. */
 const ROOM = 128 << 20;
 
-/** Whether a file has this name that describes a streamed SOG. */
+/** Whether this is the name of a file that describes a streamed SOG. */
 const isStreamed = (name) => /(^|[/\\])lod-meta\.json$/i.test(name);
 
 export class OpenScene {
   /** What the scene is. */
   info;
-  /** What is drawn; nothing before the first levels have been fetched. */
+  /** What is drawn; `undefined` before the first levels have been fetched. */
   view;
   /** The number of its Gaussians. */
   gaussians = 0;
@@ -26,16 +26,17 @@ export class OpenScene {
   #reader;
   /** Called with what has changed. */
   #changed;
-  /** Cameras so far, and the last one. */
+  /** The number of cameras so far, and the last one. */
   #looks = 0;
   #looked;
-  /** Done when the view is no longer used: a picture takes several turns of the event loop on a GPU. */
+  /** Settles when the view is no longer in use. On a GPU, a picture takes several turns of the event loop. */
   #turn = Promise.resolve();
 
   /**
-   * Opens the bytes of a file. Those of a streamed SOG need the file's address, what starts the worker that reads, and
-   * the engine's module for it. `changed` is called with `{ gaussians, complete, isNew }`, where `isNew` says whether
-   * there is something new to draw, or with `{ error, fatal }` when a part could not be fetched or the engine stopped.
+   * Opens the bytes of a file. A streamed SOG also needs the file's address, a function that starts the worker that
+   * reads, and the engine's module for that worker. `changed` is called with `{ gaussians, complete, isNew }`, where
+   * `isNew` says whether there is something new to draw, or with `{ error, fatal }` when a part could not be fetched or
+   * the engine stopped.
    */
   static async of(engine, { bytes, name, address, maxGaussians }, newReader, module, changed) {
     const scene = new OpenScene();
@@ -70,10 +71,10 @@ export class OpenScene {
     }
   }
 
-  /** Takes what the worker says that reads. */
+  /** Handles an event of the worker that reads. */
   async #heard({ event, error, fatal, look, numbers, ...levels }) {
     if (event === "failure") {
-      // Without a worker that reads, nothing more comes.
+      // Without the worker that reads, nothing more is fetched.
       if (fatal) this.#end();
       return this.#changed({ error });
     }
@@ -86,13 +87,13 @@ export class OpenScene {
       }
       this.#reader?.taken();
     }
-    // What an earlier camera needs may have come while this one was on its way.
+    // The event may be about an earlier camera, if the worker has not received the last one yet.
     if (levels.complete && look === this.#looks) this.complete = true;
     this.#changed({ gaussians: this.gaussians, complete: this.complete, isNew: Boolean(numbers) });
   }
 
   #show(numbers, { shDegree, antialias }) {
-    // There may not be memory for both.
+    // Memory may not suffice for both views.
     this.view?.free();
     this.view = undefined;
     this.view = this.#engine.levelsView(numbers, shDegree, antialias);
@@ -111,7 +112,7 @@ export class OpenScene {
     return done;
   }
 
-  /** Lets the levels be read that a picture of this size from a frame's camera needs. */
+  /** Requests the levels that a picture of this size needs from the camera of a frame. */
   look({ camera }, [width, height]) {
     const frame = { width, height, camera };
     const looked = JSON.stringify(frame);
@@ -121,7 +122,7 @@ export class OpenScene {
     this.#reader.ask("look", { frame, look: ++this.#looks }).catch(() => {});
   }
 
-  /** The pixels of a frame, of what has been fetched so far; none where that is nothing. */
+  /** The pixels of a frame, from what has been fetched so far; `undefined` before the first levels. */
   pixels(frame) {
     return this.#inTurn(() => this.view?.pixels(JSON.stringify(frame)));
   }

@@ -14,21 +14,21 @@ export class Stage {
   orbit;
   #size;
   #draw;
-  /** Done when the last picture is drawn, or could not be. */
+  /** Settles when the last picture has been drawn, or could not be. */
   #last = Promise.resolve();
   /** The picture after the one that is being drawn, if it is wanted; and whether it may be coarse. */
   #next;
   #moving = false;
   #coarse = 1;
   #rest = 0;
-  /** Whether the camera has moved, and not come to rest since. */
+  /** Whether the camera has moved and has not come to rest since. */
   #inMotion = false;
   /** The rectangle of a 2D scene, px of its image. */
   #rectangle;
 
   /**
-   * `size` gives columns and rows of the canvas, px, 0 while it is hidden; `draw` draws a frame, which may be coarser
-   * than this size, and gives the time that it took, ms.
+   * `size` returns columns and rows of the canvas, px, 0 while it is hidden. `draw` draws a frame, which may be coarser
+   * than this size, and returns the time that it took, ms.
    */
   constructor({ size, draw }) {
     this.#size = size;
@@ -71,13 +71,13 @@ export class Stage {
     this.draw(true);
   }
 
-  /** Waits until all pictures are drawn that were asked for; gives whether the camera is at rest then. */
+  /** Waits until all requested pictures are drawn, and returns whether the camera is at rest then. */
   async rested() {
     await (this.#next ?? this.#last).catch(() => {});
     return !this.#next && !this.#inMotion;
   }
 
-  /** Draws a scene that has changed, as coarsely as the movement of its camera needs. */
+  /** Draws a scene that has changed, coarsely if its camera is moving. */
   changed() {
     return this.draw(this.#inMotion);
   }

@@ -73,7 +73,7 @@ export class ViewPanel {
     await this.#stage.show(info, again);
   }
 
-  /** More of a streamed scene can be drawn, or nothing more comes, or a part of it could not be fetched. */
+  /** Handles an event of a streamed scene: more can be drawn, all is there, or a part could not be fetched. */
   async levels({ error, fatal, complete, isNew }) {
     if (error) return this.#page.fail(Object.assign(new Error(error), { fatal }));
     if (isNew) return this.#stage.changed().catch(() => {});
@@ -147,7 +147,7 @@ export class ViewPanel {
     $("view-words").textContent = text;
   }
 
-  /** Opens the scene of an address; a scene that was open before keeps its camera if `again`. */
+  /** Opens the scene at an address. With `again`, the camera stays where it is. */
   async fetched(address, again = false) {
     const read = async () => {
       const response = await fetch(address);

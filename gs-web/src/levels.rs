@@ -1,7 +1,7 @@
 //! Levels of detail of a streamed SOG, whose files JavaScript fetches.
 //!
-//! One engine reads them in a worker of its own, and another draws, so that no picture waits for a chunk. What
-//! goes from one to the other is an array of numbers.
+//! One engine reads them in a worker of its own, and another draws, so that no picture waits for a chunk. The first
+//! sends the second an array of numbers.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use crate::{
     view::{Frame, Pose, View},
 };
 
-/// The levels that a camera needs, on the way to which a picture can be drawn of those that are there.
+/// The levels that a camera needs. While they are fetched, a picture of those that are there can be drawn.
 #[wasm_bindgen]
 #[derive(Debug)]
 pub struct Levels {
@@ -46,8 +46,8 @@ struct Info {
 
 #[wasm_bindgen]
 impl Levels {
-    /// Opens the bytes of a `lod-meta.json`. At most `budget` Gaussians are drawn if the coarsest levels have fewer, and
-    /// `room` bytes are used for levels that are not drawn at present.
+    /// Opens the bytes of a `lod-meta.json`. At most `budget` Gaussians are drawn, unless the coarsest levels have
+    /// more. Up to `room` bytes are used for levels that are not drawn at present.
     #[wasm_bindgen(constructor)]
     pub fn open(meta: &[u8], budget: usize, room: usize) -> Result<Levels, JsError> {
         let file = StreamedSog::decode(meta, Path::new("lod-meta.json")).map_err(failure)?;
@@ -76,7 +76,7 @@ impl Levels {
             .unwrap_or_default()
     }
 
-    /// Begins with the steps to what a camera needs: that of a frame, which JSON describes.
+    /// Begins with the steps to what the camera of a frame needs. The frame is JSON.
     pub fn look(&mut self, frame: String) -> Result<(), JsError> {
         let frame: Frame = parsed(&frame)?;
         self.camera = Some(frame.camera(|| Bulk::of_cells(self.levels.tree()))?);
@@ -120,8 +120,8 @@ impl Levels {
         Ok(())
     }
 
-    /// What has been fetched in place of the levels of this step, as numbers for [`Engine::levels_view`]; nothing if it is
-    /// what was given last, or if there are no Gaussians.
+    /// What has been fetched for the levels of this step, as numbers for [`Engine::levels_view`]; `None` if nothing has
+    /// changed since the last call, or if there are no Gaussians.
     pub fn shown(&mut self) -> Option<Vec<f32>> {
         let now = (self.added, self.wanted.clone());
         if self.shown.as_ref() == Some(&now) || self.added == 0 {

@@ -16,7 +16,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// What [`Self::union`] leaves unchanged.
+    /// The empty box, whose [`union`](Self::union) with another box is the other box.
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     /// The smallest box around both.
@@ -48,18 +48,18 @@ impl Bounds {
 pub struct LodLevel {
     /// Number of its Gaussians.
     pub gaussians: usize,
-    /// How far what is drawn is moved by drawing this level in place of the finest, world units.
+    /// How far the drawn scene is displaced by this level in place of the finest, world units.
     pub error: f32,
 }
 
 /// A node of a tree of cells, each of which has levels of detail.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LodNode {
-    /// A node with further nodes, whose bounds are inside its own.
+    /// A node with children, whose bounds are inside its own.
     Inner {
         /// The bounds of all its cells.
         bounds: Bounds,
-        /// The further nodes.
+        /// The children.
         children: Vec<LodNode>,
     },
     /// A cell.
@@ -87,7 +87,7 @@ impl LodNode {
     /// The `error_px` of [`Self::cut`] for pictures that should look like the finest level, px.
     pub const USUAL_ERROR_PX: f32 = 1.0;
 
-    /// Largest projected errors that are reached one after the other, px, so that a coarse picture comes soon.
+    /// The `error_px` of each [`step`](Self::step), px. The first is large, so that a coarse picture comes soon.
     pub const STEPS_PX: [f32; 3] = [16.0, 4.0, Self::USUAL_ERROR_PX];
 
     /// The box around all Gaussians.
@@ -105,12 +105,14 @@ impl LodNode {
         }
     }
 
-    /// Chooses the level of each cell for a view, or one for several views: first the coarsest ones;
-    /// then that with the largest error in pixels becomes finer, until no error is above `error_px` or the
-    /// next step would take more than `budget` Gaussians. Cells out of sight have no error.
+    /// Chooses a level of each cell for a view, or for several views together.
     ///
-    /// A larger budget never has a larger error. The budget is exceeded only where the coarsest levels
-    /// alone exceed it. Levels that have no fewer Gaussians than a finer one are not used.
+    /// All cells begin with their coarsest levels. Then the cell with the largest projected error becomes
+    /// finer, until no error is above `error_px` or the next finer level would exceed `budget` Gaussians.
+    /// Cells out of sight have no error.
+    ///
+    /// A larger budget never has a larger error. The budget is exceeded only if the coarsest levels alone
+    /// exceed it. Levels that have no fewer Gaussians than a finer one are not used.
     ///
     /// # Errors
     /// [`Error::Setting`] for a budget of 0 or an `error_px` that isn't at least 0.
@@ -123,7 +125,7 @@ impl LodNode {
             cells.iter().map(|(bounds, levels)| choices(cameras, bounds, levels)).collect();
         let last = |cell: &Vec<Choice>| cell.last().copied().unwrap_or_default();
         let mut gaussians: usize = choices.iter().map(|cell| last(cell).gaussians).sum();
-        // The bits of errors, which are not negative, are in their order. Of equal errors, the first is next.
+        // Errors are not negative, so their bits are in the same order. Of equal errors, the first cell is next.
         let entry = |cell: usize, error_px: f32| (error_px.to_bits(), Reverse(cell));
         let mut largest: BinaryHeap<_> =
             choices.iter().enumerate().map(|(k, cell)| entry(k, last(cell).error_px)).collect();
@@ -144,16 +146,17 @@ impl LodNode {
         Ok(LodCut { levels, gaussians, error_px })
     }
 
-    /// Levels on the way from those `shown`, or from nothing, to the [`cut`](Self::cut) of a camera for the last
-    /// of [`STEPS_PX`](Self::STEPS_PX): those to read for the step of this index. Cells that are finer than the
-    /// camera needs get their last level at once. The others never get coarser on the way, so that the budget
-    /// holds in each step.
+    /// Chooses the levels to read in a step on the way to the [`cut`](Self::cut) of a camera.
+    ///
+    /// The steps begin with the levels `shown`, or with nothing, and have the errors of
+    /// [`STEPS_PX`](Self::STEPS_PX). A cell that is shown finer than the camera needs gets its last level at
+    /// once. Other cells never get coarser on the way, so that the budget holds in each step.
     ///
     /// # Errors
     /// Those of [`cut`](Self::cut).
     ///
     /// # Panics
-    /// Where there is no step of this index, or `shown` has fewer levels than there are cells.
+    /// If there is no step of this index, or `shown` has fewer levels than there are cells.
     pub fn step(
         &self,
         shown: Option<&[usize]>,

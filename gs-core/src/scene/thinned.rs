@@ -5,20 +5,21 @@ use super::{Scene, Scene3d, sigmoid};
 /// The largest factor by which a Gaussian grows to stand for others.
 const MOST_GROWTH: f32 = 3.0;
 
-/// Gaussians among which the threshold is searched: that is exact enough for a number of them.
+/// Number of Gaussians from which the threshold is estimated.
 const SAMPLES: usize = 50_000;
 
 impl Scene3d {
-    /// About `count` of the Gaussians, for pictures that must come soon; all if there are no more.
+    /// Returns about `count` of the Gaussians, for pictures that must come soon, or all if there are no more.
     ///
-    /// Each Gaussian has a share: in proportion to its area (of the two longest axes) times its opacity, and one at
-    /// most. It stays where the sum of all shares so far passes a whole number, and grows by the inverse of its share,
-    /// at most threefold in length. So the covered area stays the same on average where shares are a ninth or more.
-    /// Neighbours in memory should be neighbours in space, as those of a SOG are: then those that stay are evenly
-    /// spread.
+    /// Each Gaussian has a share, which is in proportion to its area (of the two longest axes) times its opacity, and
+    /// at most 1. The shares are summed in order; a Gaussian stays if the sum passes a whole number at its share. The
+    /// area of a Gaussian that stays grows by the inverse of its share, its length at most threefold. So the covered
+    /// area stays the same on average, except for shares below a ninth.
     ///
-    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007): some elements
-    /// are left out, and the others get larger. There all have the same share; shares by size are those of systematic
+    /// Neighbours in memory should be neighbours in space, as in a SOG. The Gaussians that stay are then evenly spread.
+    ///
+    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007), where some
+    /// elements are left out and the others get larger, all with the same share. Shares by size are from systematic
     /// sampling in proportion to size (Madow 1949).
     #[must_use]
     pub fn thinned(&self, count: usize) -> Self {
@@ -36,7 +37,7 @@ impl Scene3d {
         let (len, mut sum) = (self.sh_len(), 0.5);
         for i in 0..self.len() {
             let share = (covered(i) / threshold).min(1.0);
-            // Those stay at which the sum of all shares passes a whole number.
+            // A Gaussian stays if the sum of all shares passes a whole number at its share.
             sum += share;
             if sum < 1.0 {
                 continue;

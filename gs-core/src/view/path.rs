@@ -76,8 +76,7 @@ impl Bulk {
         Self::around(&seen.iter().map(|index| (scene.means[*index], extent(index))).collect::<Vec<_>>())
     }
 
-    /// The bulk of a scene of which only the cells are known, as if each were filled evenly. `None` where there is no
-    /// cell.
+    /// Estimates the bulk of a scene from its cells, as if each were filled evenly. `None` if there is no cell.
     pub fn of_cells(tree: &LodNode) -> Option<Self> {
         // The root of the mean squared distance of points in a box from its centre is its diagonal over √12.
         let spread =

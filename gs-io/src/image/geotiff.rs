@@ -1,4 +1,4 @@
-//! Images as TIFF files, and where their pixels are on a map: GeoTIFF tags and world files.
+//! Images as TIFF files, and the places of their pixels on a map: GeoTIFF tags and world files.
 
 use std::{
     io::{self, Cursor},
@@ -17,8 +17,8 @@ use crate::{atomic::write_atomically, error::Error};
 
 /// Where the pixels of an image are on a map.
 ///
-/// The place of column `i` and row `j` is `corner + i · column + j · row`, where whole numbers are
-/// the corners of pixels and pixel centres are at ½.
+/// Column `i` and row `j` are at `corner + i · column + j · row`. Whole numbers are the corners of
+/// pixels; their centres are at ½.
 ///
 /// ```
 /// use glam::dvec2;
@@ -42,9 +42,11 @@ pub struct GeoReference {
 }
 
 impl GeoReference {
-    /// The text of a world file, as GIS programs read it next to an image: six lines with the steps
-    /// per column in x and y, the steps per row in x and y, and the centre of the upper left pixel
-    /// (<https://en.wikipedia.org/wiki/World_file>). It does not name the coordinate system.
+    /// The text of a world file, which GIS programs read next to an image.
+    ///
+    /// Its six lines are the steps per column in x and y, the steps per row in x and y, and the
+    /// centre of the upper left pixel (<https://en.wikipedia.org/wiki/World_file>). It does not name
+    /// the coordinate system.
     pub fn world_file(&self) -> String {
         let Self { corner, column, row, .. } = *self;
         let center = corner + 0.5 * (column + row);
@@ -53,8 +55,8 @@ impl GeoReference {
         lines.map(|number| format!("{}\n", number + 0.0)).concat()
     }
 
-    /// The tags of GeoTIFF 1.1 (OGC 19-008r4, clause 7.3) with doubles: an image with north
-    /// up and east to the right has a pixel scale and a tie point, any other one a matrix.
+    /// The tags of GeoTIFF 1.1 (OGC 19-008r4, clause 7.3) that contain doubles: a pixel scale and a
+    /// tie point if north is up and east is to the right, otherwise a matrix.
     fn doubles(&self) -> Vec<(Tag, Vec<f64>)> {
         let Self { corner: DVec2 { x, y }, column, row, .. } = *self;
         if column.y == 0.0 && row.x == 0.0 && column.x > 0.0 && row.y < 0.0 {
@@ -74,8 +76,10 @@ impl GeoReference {
     }
 }
 
-/// Writes an 8-bit RGB TIFF, atomically, or RGBA with an alpha that colours are not multiplied by:
-/// `[height · width]`, row-major. With a place on a map it is a GeoTIFF 1.1 whose pixels are areas.
+/// Writes an 8-bit TIFF, atomically: RGB, or RGBA with `alpha`.
+///
+/// `alpha` is `[height · width]`, row-major. Colours are not multiplied by it. With a `place` on a
+/// map, the file is a GeoTIFF 1.1 whose pixels are areas.
 ///
 /// Values are clamped to 0..=1 and rounded to the nearest of 256 steps; NaN becomes 0. The file is
 /// compressed by Deflate.
@@ -127,8 +131,10 @@ fn encode<C: colortype::ColorType<Inner = u8>>(
     Ok(bytes.into_inner())
 }
 
-/// Writes the world file of a picture next to it, atomically, and returns its path: `plan.pgw` for
-/// `plan.png`, `plan.tfw` for `plan.tif` and `plan.tiff`. For other names it writes nothing.
+/// Writes the world file of a picture next to it, atomically, and returns the path of that file.
+///
+/// It is `plan.pgw` for `plan.png`, and `plan.tfw` for `plan.tif` and `plan.tiff`. For other names,
+/// nothing is written.
 ///
 /// # Errors
 /// Those of [`write_atomically`].

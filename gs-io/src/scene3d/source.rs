@@ -24,7 +24,7 @@ pub(crate) struct Source<'a> {
     pub(crate) what: &'static str,
     /// The whole content.
     pub(crate) bytes: &'a [u8],
-    /// The files that it refers to, by their paths, where they are in memory and not on a disk.
+    /// The files that it refers to, by their paths, if they are in memory and not on a disk.
     pub(crate) beside: Option<&'a FilesInMemory>,
 }
 

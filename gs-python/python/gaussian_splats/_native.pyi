@@ -262,13 +262,13 @@ def load(
     2D scenes are ``.gs2d.safetensors`` and ``.gsi`` files. 3D scenes are PLY files (also
     compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG, streamed SOG and glTF files.
 
-    Of a streamed SOG (``lod-meta.json``, or its folder), the finest level is read, or with
-    ``cameras`` only the levels of detail that these need, as for ``gs render --max-gaussians``.
+    The finest level of a streamed SOG (``lod-meta.json``, or its folder) is read. With ``cameras``,
+    only the levels of detail that these need are read, as for ``gs render --max-gaussians``.
 
     :param cameras: read each cell of a streamed SOG in the coarsest level whose error is at most
         1 px in all of these cameras, in images of their size. Cells that no camera sees are read
         in their coarsest level, so an empty list reads the coarsest scene.
-    :param max_gaussians: with ``cameras``, read at most this many Gaussians, at least 1; where they
+    :param max_gaussians: with ``cameras``, read at most this many Gaussians, at least 1. If they
         do not suffice for 1 px, the cells with the largest errors get finer levels first. By
         default there is no limit. The environment, which all levels share, is not counted. If the
         coarsest levels alone have more Gaussians, they are read with a Python warning.

@@ -107,7 +107,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), Failure> {
         BlocksPlan::new(&backend.rasterizer, &model.scene, &views, settled, settings, division, store).block_on()
     });
     let plan = plan.inspect_err(|_| preparing.abandon())?;
-    // If the trial is stopped, the folder is finished and has a map, which shows no times.
+    // This map has no times. It stays if the trial is stopped, when the folder is already complete.
     let drawn = output.write(MAP, map(&plan, views.train_cameras(), &[]));
     drawn.inspect_err(|_| preparing.abandon())?;
     let folder = preparing.finish(origin, plan)?;

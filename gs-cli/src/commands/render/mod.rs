@@ -143,13 +143,12 @@ struct CameraArgs {
     /// Cameras along the path in this file
     #[arg(long, value_name = "FILE.json", conflicts_with = "size")]
     path: Option<PathBuf>,
-    /// From straight above without perspective, at this many pixels a unit of the scene; with its place on a map if the
-    /// scene is in the coordinates of one
+    /// A plan: the scene from straight above without perspective, at this many pixels a unit of the scene; if the scene
+    /// is in map coordinates, with its place on the map
     #[arg(long, value_name = "PX", value_parser = positive,
           conflicts_with_all = ["camera", "orbit", "path", "panorama"])]
     ortho: Option<f64>,
-    /// EPSG code of the projected coordinate system of the scene's data set, for the GeoTIFF of a plan, such as 32632
-    /// for UTM zone 32 north
+    /// EPSG code of the data set's projected coordinate system, for the GeoTIFF of a plan; 32632 is UTM zone 32 north
     #[arg(long, value_name = "CODE", value_parser = epsg, requires = "ortho")]
     epsg: Option<u16>,
     /// All directions around the camera as one equirectangular picture [size: 2000x1000, or that of a path]

@@ -1,4 +1,4 @@
-//! `gs render --ortho`: the scene from straight above, and where its pixels are in the world.
+//! `gs render --ortho`: the scene from straight above, and the places of its pixels in the world.
 
 use std::path::Path;
 
@@ -9,8 +9,8 @@ use gs_io::{GeoReference, WorldFrame};
 use super::CameraArgs;
 use crate::{failure::Failure, flags::values::Size};
 
-/// Distance of the camera of an orthographic picture in radii of the scene. What is a radius above or below the centre
-/// moves by a 4000th of its distance from the middle of the picture: by 1/8 px at the border of 1000 px.
+/// Distance of the camera of an orthographic picture in radii of the scene. A point that is a radius above or below the
+/// centre moves by a 4000th of its distance from the middle of the picture: by 1/8 px at the border of 1000 px.
 const FAR: f32 = 4000.0;
 
 /// Whether a picture of this name is a TIFF.
@@ -18,15 +18,15 @@ pub(super) fn is_tiff(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("tif") || ending.eq_ignore_ascii_case("tiff"))
 }
 
-/// The up direction of a plan. Without `--up` it is z where the scene is far from the origin of its world, as in UTM
-/// coordinates, or in the coordinate system that `--epsg` names.
+/// The up direction of a plan. Without `--up`, it is z if the frame of the scene moves the origin, as for UTM
+/// coordinates, or if `--epsg` names a coordinate system.
 pub(super) fn up(args: &CameraArgs, frame: &WorldFrame) -> Vec3 {
     let is_map = frame.origin != DVec3::ZERO || args.epsg.is_some();
     args.up.unwrap_or(if is_map { Vec3::Z } else { Vec3::NEG_Y })
 }
 
-/// A camera so far above the scene that its rays are parallel, with this many pixels a unit. With `up` along z, x is to
-/// the right and y is up in its picture; seen from below, x is to the left.
+/// A camera so far above the scene that its rays are parallel, with this many pixels a unit. In its picture, if `up` is
+/// z, x is to the right and y is up; if `up` is -z, x is to the left.
 pub(super) fn camera(scene: &Scene3d, scale: f64, size: Option<Size>, up: Vec3) -> Result<Camera, Failure> {
     let bulk = Bulk::of(scene).ok_or_else(|| Failure::failed("the scene has no Gaussian that could be seen"))?;
     let scale = scale as f32;
@@ -39,7 +39,7 @@ pub(super) fn camera(scene: &Scene3d, scale: f64, size: Option<Size>, up: Vec3) 
         .ok_or_else(|| Failure::failed("the scene is too large to be seen from outside; gs info shows its extent"))
 }
 
-/// What the pixels of a plan are in the world.
+/// The size and place of the pixels of a plan in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Plan {
     /// Side of a pixel, world units.
@@ -51,7 +51,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// The plan that this camera of [`camera`] draws.
+    /// The plan that a camera of [`camera`] draws.
     pub(super) fn of(camera: &Camera, scale: f64, frame: WorldFrame, epsg: Option<u16>) -> Result<Self, Failure> {
         let pixel = frame.unit / scale;
         // The axes of the picture are axes of the world, up to rounding.
@@ -77,7 +77,7 @@ impl Plan {
         format!("{} {unit} units each", (self.pixel * digits).round() / digits)
     }
 
-    /// Why there is no place on a map.
+    /// Why the plan has no place on a map, if it has none.
     pub(super) fn why_unplaced(&self) -> Option<&'static str> {
         let why = match self.frame.is_world() {
             true => "the scene has no world frame; --epsg says that its x and y are map coordinates",

@@ -14,12 +14,14 @@ use crate::{
     scene3d::{File3d, TrainedWith},
 };
 
-/// Levels of the cells of a streamed SOG in memory, for cameras that move: those that are wanted, the coarsest,
-/// to which cells out of sight return, and as many others as there is room for.
+/// Levels of detail of a streamed SOG that are in memory, for cameras that move.
 ///
-/// A chunk is decoded as a whole. Where files are on a disk, [`read`](Self::read) does all of it. Where they come
-/// over a network, [`missing`](Self::missing) names chunks and [`add`](Self::add) takes them, one after the other;
-/// [`shown`](Self::shown) is what can be shown meanwhile.
+/// In memory are the levels that are shown, the coarsest ones, to which cells out of sight return, and as many others
+/// as there is room for. A chunk is always decoded as a whole.
+///
+/// For files on a disk, [`read`](Self::read) reads all that is missing. For files that come over a network,
+/// [`missing`](Self::missing) names chunks and [`add`](Self::add) takes them, one after the other. Meanwhile,
+/// [`shown`](Self::shown) returns what can be shown.
 #[derive(Debug)]
 pub struct LevelsInMemory {
     file: StreamedSog,
@@ -27,7 +29,7 @@ pub struct LevelsInMemory {
     parts: HashMap<Run, Part>,
     /// What the chunks so far were trained with.
     trained_with: Option<TrainedWith>,
-    /// Bytes of the parts that may be in memory without being wanted.
+    /// Most bytes of parts that are neither shown nor the coarsest of a cell.
     room: usize,
     /// Number of calls of [`Self::missing`].
     turn: u64,
@@ -38,7 +40,8 @@ pub struct LevelsInMemory {
 #[derive(Debug)]
 struct Part {
     scene: Scene3d,
-    /// The call of [`LevelsInMemory::missing`] that wanted them last, or before which they came unasked.
+    /// The number of the last call of [`LevelsInMemory::missing`] that wanted them. A part that came with the chunk of
+    /// another one begins with the number of the call before.
     wanted: u64,
 }
 
@@ -49,7 +52,8 @@ impl Part {
 }
 
 impl LevelsInMemory {
-    /// Nothing but the tree yet. Up to `room` bytes are used for levels that are not wanted at present.
+    /// Begins with the tree alone. Up to `room` bytes are used for levels that are not shown, in addition to the
+    /// coarsest ones.
     pub fn of(file: StreamedSog, room: usize) -> Self {
         Self { file, environment: None, parts: HashMap::new(), trained_with: None, room, turn: 0, shown: None }
     }
@@ -59,12 +63,13 @@ impl LevelsInMemory {
         self.file.tree()
     }
 
-    /// The chunks whose Gaussians are missing for a level of each cell, such as those of [`LodNode::cut`]; the
-    /// nearest to a position first, and those in whose place finer levels are shown, or the smallest where nothing is
-    /// in memory yet; the environment last.
+    /// Names the chunks that are missing for a level of each cell, such as the levels of [`LodNode::cut`].
+    ///
+    /// Chunks in whose place finer levels are shown come first, then those that are nearest to `position`. While
+    /// nothing is in memory, the smallest chunks come first. The environment comes last.
     ///
     /// # Panics
-    /// Where there is another number of levels than of cells, or a level that is not there.
+    /// If there is not one level for each cell, or a cell has no such level.
     pub fn missing(&mut self, levels: &[usize], position: Vec3) -> Vec<PathBuf> {
         self.turn += 1;
         let mut distances: HashMap<usize, f32> = HashMap::new();
@@ -75,7 +80,7 @@ impl LevelsInMemory {
                 part.wanted = self.turn;
                 continue;
             }
-            // One in whose place a finer one is shown takes more Gaussians than there should be.
+            // A finer level in its place has more Gaussians than there should be.
             let is_urgent = self.in_place(cell, levels[cell]).is_some_and(|finer| finer < levels[cell]);
             let distance = if is_urgent { 0.0 } else { bounds.distance(position) };
             let nearest = distances.entry(run.file).or_insert(f32::INFINITY);
@@ -90,14 +95,15 @@ impl LevelsInMemory {
         chunks.chain(self.file.environment.clone().filter(|_| self.environment.is_none())).collect()
     }
 
-    /// Takes a chunk that [`missing`](Self::missing) has named: its `meta.json` and its images are in `files`, or
-    /// on the disk if there are none.
+    /// Takes a chunk that [`missing`](Self::missing) has named.
+    ///
+    /// Its `meta.json` and images are read from `files`, or from the disk if that is `None`.
     ///
     /// # Errors
     /// Those of [`StreamedSog::read`].
     ///
     /// # Panics
-    /// Where the file has no such chunk.
+    /// If the file has no such chunk.
     pub fn add(&mut self, path: &Path, files: Option<&FilesInMemory>) -> Result<(), Error> {
         if self.file.environment.as_deref() == Some(path) {
             self.environment = Some(self.taken(read_chunk(path, files)?)?);
@@ -122,8 +128,9 @@ impl LevelsInMemory {
         Ok(file.scene)
     }
 
-    /// Reads the chunks that are missing for a level of each cell from the disk, and gives the scene: the Gaussians
-    /// of [`StreamedSog::read`] in the same order.
+    /// Reads from the disk the chunks that are missing for a level of each cell, and returns the scene.
+    ///
+    /// It has the Gaussians of [`StreamedSog::read`] in the same order.
     ///
     /// # Errors
     /// Those of [`StreamedSog::read`].
@@ -141,10 +148,12 @@ impl LevelsInMemory {
         if scene.is_empty() { Err(Error::empty(&self.file.path)) } else { Ok(scene) }
     }
 
-    /// The parts of the scene of a level of each cell, with the environment: the Gaussians of [`StreamedSog::read`] in
-    /// the same order. In place of a level that is not in memory comes the next coarser one that is, or else the next
-    /// finer one, so that there may be more Gaussians than in the levels asked for. Levels that were not wanted for
-    /// longest leave the memory if there is no room for them.
+    /// Returns what can be shown in place of a level of each cell, with the environment.
+    ///
+    /// If all levels are in memory, these are the Gaussians of [`StreamedSog::read`] in the same order. In place of a
+    /// level that is not in memory comes the next coarser one that is, or else the next finer one, so there may be more
+    /// Gaussians than in the requested levels. If there is no room for all other levels, those that were wanted longest
+    /// ago leave the memory.
     ///
     /// # Panics
     /// Those of [`missing`](Self::missing).
@@ -160,12 +169,12 @@ impl LevelsInMemory {
         parts.chain(&self.environment).collect()
     }
 
-    /// The level of each cell that was [`shown`](Self::shown) last, the coarsest where that was none.
+    /// The level of each cell that was [`shown`](Self::shown) last; the coarsest for a cell that showed nothing.
     pub fn shown_levels(&self) -> Option<&[usize]> {
         self.shown.as_deref()
     }
 
-    /// The level of a cell that stands for this one: itself, the next coarser one in memory, or the next finer one.
+    /// The level of a cell that is shown for this one: itself, the next coarser one in memory, or the next finer one.
     fn in_place(&self, cell: usize, level: usize) -> Option<usize> {
         let runs = &self.file.cells[cell];
         let is_there = |level: &usize| runs[*level].is_some_and(|run| self.parts.contains_key(&run));
@@ -179,7 +188,7 @@ impl LevelsInMemory {
         self.trained_with.unwrap_or_default()
     }
 
-    /// Removes parts that are not shown, until the others of them fit into the room.
+    /// Removes parts that are not shown, until the remaining ones fit into the room.
     fn make_room(&mut self, shown: &[Run]) {
         let mut stay: HashSet<Run> = shown.iter().copied().collect();
         stay.extend(self.file.cells.iter().filter_map(|runs| *runs.last()?));
