@@ -4,7 +4,7 @@ export interface Camera {
   position: [number, number, number];
   /** What it looks at. */
   target: [number, number, number];
-  /** Which way is up: the sign of y counts. */
+  /** Which way is up: any direction but that of the view. Scenes do not say it, so it is -y at first. */
   up: [number, number, number];
   /** Field of view of the picture's shorter side, degrees. */
   fov: number;
@@ -80,7 +80,7 @@ export interface LoadOptions {
   signal?: AbortSignal;
   /** The download so far, bytes. */
   progress?: (download: Progress) => void;
-  /** What differs from the scene's first camera. */
+  /** What differs from the scene's first camera. With `up` and without `position`, it looks from slightly above, too. */
   camera?: Partial<Camera>;
 }
 
@@ -118,9 +118,9 @@ export class Viewer {
 }
 
 /**
- * `<gs-viewer src poster background camera fov alt backend max-gaussians controls="none">`. What is inside the element
- * is shown if the scene can't be. Events: `load` (detail: `SceneInfo`), `progress` (detail: `Progress`) and `error`
- * (detail: `error`, `message`).
+ * `<gs-viewer src poster background camera fov up alt backend max-gaussians controls="none">`. What is inside the
+ * element is shown if the scene can't be. Events: `load` (detail: `SceneInfo`), `progress` (detail: `Progress`) and
+ * `error` (detail: `error`, `message`).
  */
 export class GsViewerElement extends HTMLElement {
   src: string;

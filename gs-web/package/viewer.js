@@ -2,6 +2,7 @@
 // part takes and gives. A worker computes, with WebGPU where the browser has it.
 
 import { Connection } from "./engine.js";
+import { directionOf, homeWith } from "./orbit.js";
 import { Stage, frameOf } from "./stage.js";
 
 /** A viewer in an element of the page, whose size it takes. */
@@ -68,7 +69,7 @@ export class Viewer {
       if (isLast()) await this.#ask(scene);
       if (isLast()) {
         const { home } = scene.info;
-        if (home) scene.info.home = { ...home, ...camera };
+        if (home) scene.info.home = { ...(camera?.up && !camera.position ? homeWith(home, camera.up) : home), ...camera };
         if (scene.info.streamed) await this.#begin(scene, signal);
       }
       if (isLast()) await this.#show(scene);
@@ -350,7 +351,7 @@ const Base = typeof HTMLElement === "undefined" ? class {} : HTMLElement;
 
 /** <gs-viewer src="scene.sog">. */
 export class GsViewerElement extends Base {
-  static observedAttributes = ["src", "poster", "background", "camera", "fov", "alt"];
+  static observedAttributes = ["src", "poster", "background", "camera", "fov", "up", "alt"];
   #viewer;
   #root;
   #abort;
@@ -458,6 +459,8 @@ export class GsViewerElement extends Base {
     } else if (numbers.length > 0) {
       console.warn(`<gs-viewer>: camera="${this.getAttribute("camera")}" is not six numbers, as in "0 0 -3, 0 0 0"`);
     }
+    const up = directionOf(this.getAttribute("up"));
+    if (up) camera.up = up;
     const fov = Number(this.getAttribute("fov"));
     if (fov > 0 && fov < 180) camera.fov = fov;
     return Object.keys(camera).length > 0 ? camera : undefined;

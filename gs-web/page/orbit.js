@@ -1,11 +1,33 @@
-// The camera of the page: it turns around a point, moves, and flies, from pointers, wheel and keys.
-// Axes are those of scenes here: x right, y down, z forward.
+// The camera of the page: it turns around a point, moves, and flies, from pointers, wheel and keys. Its axes are
+// up, north, which is any direction across, and east.
 
 const HALF_TURN = Math.PI;
 const STEEPEST = 0.49 * Math.PI;
 
 const add = (a, b, by = 1) => a.map((value, k) => value + by * b[k]);
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const unit = (a) => a.map((part) => part / Math.hypot(...a));
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+
+/** The directions that have names. */
+const DIRECTIONS = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1], "-x": [-1, 0, 0], "-y": [0, -1, 0], "-z": [0, 0, -1] };
+
+/** The direction of a name such as "z" or "-y"; none for another text. */
+export const directionOf = (name) => DIRECTIONS[name?.trim().toLowerCase()];
+
+/** A direction across another one: z, or y if that is too near. */
+function across(up) {
+  const to = Math.abs(up[2]) < 0.9 ? DIRECTIONS.z : DIRECTIONS.y;
+  return unit(add(to, up, -dot(to, up)));
+}
+
+/** The first camera of a scene in which another direction is up: slightly above, too, and as far away. */
+export function homeWith(home, direction) {
+  const up = unit(direction);
+  const distance = Math.hypot(...add(home.position, home.target, -1));
+  const away = unit(add(across(up), up, -0.35));
+  return { ...home, up, position: add(home.target, away, -distance) };
+}
 
 export class Orbit {
   constructor(changed) {
@@ -24,10 +46,13 @@ export class Orbit {
     const ahead = add(target, position, -1);
     const distance = Math.hypot(...ahead);
     if (!(distance > 0)) throw new RangeError("a camera must look at another place than its own");
+    if (!(Math.hypot(...up) > 0)) throw new RangeError("which way is up must be a direction");
     Object.assign(this, { target, fov, distance, size: distance });
-    this.up = up[1] > 0 ? 1 : -1;
-    this.yaw = Math.atan2(ahead[0], ahead[2]);
-    this.pitch = Math.asin(-this.up * (ahead[1] / distance));
+    this.up = unit(up);
+    this.north = across(this.up);
+    this.east = cross(this.north, this.up);
+    this.yaw = Math.atan2(dot(ahead, this.east), dot(ahead, this.north));
+    this.pitch = Math.asin(Math.max(-1, Math.min(1, -dot(ahead, this.up) / distance)));
     this.changed();
   }
 
@@ -37,17 +62,17 @@ export class Orbit {
 
   /** Below the horizon by the pitch. */
   #forward() {
-    const level = Math.cos(this.pitch);
-    return [level * Math.sin(this.yaw), -this.up * Math.sin(this.pitch), level * Math.cos(this.yaw)];
+    const level = add(this.east.map((part) => Math.sin(this.yaw) * part), this.north, Math.cos(this.yaw));
+    return add(level.map((part) => Math.cos(this.pitch) * part), this.up, -Math.sin(this.pitch));
   }
 
   get pose() {
     const position = add(this.target, this.#forward(), -this.distance);
-    return { position, target: this.target, up: [0, this.up, 0], fov: this.fov };
+    return { position, target: this.target, up: this.up, fov: this.fov };
   }
 
   turn(x, y) {
-    this.yaw -= this.up * x * HALF_TURN;
+    this.yaw += x * HALF_TURN;
     this.pitch = Math.min(STEEPEST, Math.max(-STEEPEST, this.pitch + y * HALF_TURN));
     this.changed();
   }
@@ -65,7 +90,7 @@ export class Orbit {
   /** Moves right, down and forward by parts of a length. */
   fly(right, down, forward, length = this.size) {
     const ahead = this.#forward();
-    const aside = [Math.cos(this.yaw), 0, -Math.sin(this.yaw)].map((part) => -this.up * part);
+    const aside = add(this.east.map((part) => Math.cos(this.yaw) * part), this.north, -Math.sin(this.yaw));
     const below = cross(ahead, aside);
     this.target = add(add(add(this.target, aside, right * length), below, down * length), ahead, forward * length);
     this.changed();

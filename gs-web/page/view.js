@@ -1,6 +1,7 @@
 // The panel that shows scenes.
 
 import { download } from "./download.js";
+import { directionOf, homeWith } from "./orbit.js";
 import { Stage } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
@@ -70,6 +71,8 @@ export class ViewPanel {
     $("save-sog").disabled = kind === "2d" || Boolean(info.streamed);
     $("shot").disabled = false;
     this.#picture = undefined;
+    const up = directionOf(new URLSearchParams(location.search).get("up"));
+    if (up && info.home) info.home = homeWith(info.home, up);
     await this.#stage.show(info, again);
   }
 

@@ -564,6 +564,38 @@ await viewer.load(3);
     await browser.close();
   },
 
+  async "any direction can be up, and the camera turns around it"() {
+    const browser = await launch();
+    const { page } = await opened(browser);
+    const camera = () => page.$eval("gs-viewer", ({ viewer }) => viewer.camera);
+    const { position: before, target } = await camera();
+    const distance = (a, b) => Math.hypot(...a.map((x, k) => x - b[k]));
+    for (const [name, axis, sign, scene] of [["z", 2, 1, "second.splat"], ["-x", 0, -1, "scene.sog"], ["y", 1, 1, "second.splat"], ["-y", 1, -1, "scene.sog"]]) {
+      await page.$eval("gs-viewer", (element, name) => element.setAttribute("up", name), name);
+      assert.equal((await set(page, "gs-viewer", "src", scene))[0][1], "load");
+      const first = await camera();
+      assert.equal(first.up[axis], sign, name);
+      // Slightly above, and as far away.
+      const above = sign * (first.position[axis] - first.target[axis]);
+      assert.ok(above > 0.2 * distance(before, target) && above < 0.5 * distance(before, target), `${name}: ${first.position}`);
+      assert.ok(Math.abs(distance(first.position, first.target) / distance(before, target) - 1) < 0.05);
+      await page.$eval("gs-viewer", (element) => element.shadowRoot.querySelector("canvas").focus());
+      for (let k = 0; k < 5; k++) await page.keyboard.press("ArrowRight");
+      const turned = await camera();
+      assert.ok(Math.abs(turned.position[axis] - first.position[axis]) < 1e-4, "around the axis that is up");
+      assert.ok(distance(turned.position, first.position) > 0.1 * distance(before, target));
+      // To the right: the camera goes to the left of where it looked, seen with this way up.
+      const ahead = first.target.map((x, k) => x - first.position[k]);
+      const right = [ahead[1] * first.up[2] - ahead[2] * first.up[1], ahead[2] * first.up[0] - ahead[0] * first.up[2], ahead[0] * first.up[1] - ahead[1] * first.up[0]];
+      const moved = turned.position.reduce((sum, x, k) => sum + (x - first.position[k]) * right[k], 0);
+      assert.ok(moved < 0, `${name}: ${moved}`);
+    }
+    await page.$eval("gs-viewer", (element) => element.removeAttribute("up"));
+    assert.equal((await set(page, "gs-viewer", "src", "second.splat"))[0][1], "load");
+    assert.ok(distance((await camera()).position, before) < 0.05 * distance(before, target), "as before");
+    await browser.close();
+  },
+
   async "elements fetch their source once, also when they are moved"() {
     const browser = await launch();
     asked.length = 0;
