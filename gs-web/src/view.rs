@@ -1,6 +1,10 @@
 //! A scene to look at.
 
-use std::{cell::OnceCell, path::Path};
+use std::{
+    cell::{OnceCell, RefCell},
+    path::Path,
+    rc::Rc,
+};
 
 use glam::Vec3;
 use gs_backend::{AnyRasterizer, AnySplats};
@@ -31,13 +35,37 @@ enum Shown {
         file: Box<File2d>,
         splats: Box<AnySplats<Scene2d>>,
     },
-    /// Where all Gaussians take long, `few` are for pictures while the camera moves, and all of them go to the
-    /// backend when it first rests.
+    /// All Gaussians go to the backend when they are first drawn.
     ThreeD {
         file: Box<File3d>,
         all: Box<OnceCell<AnySplats<Scene3d>>>,
-        few: Option<Box<AnySplats<Scene3d>>>,
+        few: Option<Few>,
     },
+}
+
+/// Gaussians that stand for all, where those take long, while the camera moves.
+#[derive(Debug)]
+struct Few {
+    coverage: Vec<f32>,
+    /// Those that were drawn last, and where the camera was for which they were chosen.
+    chosen: RefCell<Option<(Vec3, Rc<AnySplats<Scene3d>>)>>,
+}
+
+impl Few {
+    /// Those for this camera. They are chosen anew when it has moved by half of its distance from what it looks at.
+    fn of(&self, on: &AnyRasterizer, scene: &Scene3d, pose: &Pose) -> Result<Rc<AnySplats<Scene3d>>, JsError> {
+        let (position, target) = (Vec3::from(pose.position), Vec3::from(pose.target));
+        let reach = position.distance(target);
+        let mut chosen = self.chosen.borrow_mut();
+        if let Some((_, few)) = chosen.as_ref().filter(|(before, _)| before.distance(position) < 0.5 * reach) {
+            return Ok(Rc::clone(few));
+        }
+        // What is very near would leave nothing for the rest.
+        let nearest = (0.1 * reach).powi(2);
+        let weight = |i: usize| self.coverage[i] / scene.means[i].distance_squared(position).max(nearest);
+        let few = on.upload(&scene.thinned(FEW, weight), Parameterization::ScaleRotation).map_err(failure)?;
+        Ok(Rc::clone(&chosen.insert((position, Rc::new(few))).1))
+    }
 }
 
 /// The most Gaussians of a 3D scene that the CPU draws while the camera moves.
@@ -149,13 +177,13 @@ impl View {
                 Shown::TwoD { splats, file }
             }
             AnyScene::ThreeD(file) => {
-                let upload = |scene: &Scene3d| on.upload(scene, parameterization).map_err(failure);
                 let takes_long = matches!(on, AnyRasterizer::Cpu(_)) && file.scene.len() > FEW;
                 if takes_long {
-                    let few = Some(Box::new(upload(&file.scene.thinned(FEW))?));
+                    let few = Some(Few { coverage: file.scene.coverage(), chosen: RefCell::default() });
                     Shown::ThreeD { all: Box::default(), few, file }
                 } else {
-                    Shown::ThreeD { all: Box::new(upload(&file.scene)?.into()), few: None, file }
+                    let all = on.upload(&file.scene, parameterization).map_err(failure)?;
+                    Shown::ThreeD { all: Box::new(all.into()), few: None, file }
                 }
             }
         };
@@ -252,7 +280,11 @@ impl View {
                         Ok::<_, JsError>(all.get_or_init(|| splats))
                     }
                 };
-                let splats = few.as_deref().filter(|_| frame.moving).map_or_else(all, Ok)?;
+                let few = match (few, &frame.camera) {
+                    (Some(few), Some(pose)) if frame.moving => Some(few.of(self.on, &file.scene, pose)?),
+                    _ => None,
+                };
+                let splats = few.as_deref().map_or_else(all, Ok)?;
                 let camera = frame.camera(|| Bulk::of(&file.scene))?;
                 Rasterizer::<Scene3d>::draw(self.on, splats, &camera, &settings).await
             }

@@ -1,5 +1,7 @@
 //! A scene with fewer Gaussians, in a fraction of the time that merging them takes.
 
+use glam::Vec3;
+
 use super::{Scene, Scene3d, sigmoid};
 
 /// The largest factor by which a Gaussian grows to stand for others.
@@ -9,35 +11,38 @@ const MOST_GROWTH: f32 = 3.0;
 const SAMPLES: usize = 50_000;
 
 impl Scene3d {
+    /// What each Gaussian covers: its area (of the two longest axes) times its opacity, world units squared; above 0.
+    pub fn coverage(&self) -> Vec<f32> {
+        let covered = |(scale, logit): (&Vec3, &f32)| {
+            (sigmoid(*logit) * (scale.element_sum() - scale.min_element()).exp()).max(f32::MIN_POSITIVE)
+        };
+        self.log_scales.iter().zip(&self.opacity_logits).map(covered).collect()
+    }
+
     /// Returns about `count` of the Gaussians, for pictures that must come soon, or all if there are no more.
     ///
-    /// Each Gaussian has a share, which is in proportion to its area (of the two longest axes) times its opacity, and
-    /// at most 1. The shares are summed in order; a Gaussian stays if the sum passes a whole number at its share. The
-    /// area of a Gaussian that stays grows by the inverse of its share, its length at most threefold. So the covered
-    /// area stays the same on average, except for shares below a ninth.
+    /// Each Gaussian has a share, which is in proportion to its weight, and at most 1. The shares are summed in order; a
+    /// Gaussian stays if the sum passes a whole number at its share. The area of a Gaussian that stays grows by the
+    /// inverse of its share, its length at most threefold. With [`coverage`](Self::coverage) as weights, the covered
+    /// area stays the same on average, except for shares below a ninth. Coverage divided by the squared distance from a
+    /// camera is in proportion to the area in its picture.
     ///
     /// Neighbours in memory should be neighbours in space, as in a SOG. The Gaussians that stay are then evenly spread.
     ///
-    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007), where some
-    /// elements are left out and the others get larger, all with the same share. Shares by size are from systematic
+    /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007): some elements
+    /// are left out, and the others get larger. There all have the same share. Shares by size are those of systematic
     /// sampling in proportion to size (Madow 1949).
     #[must_use]
-    pub fn thinned(&self, count: usize) -> Self {
+    pub fn thinned(&self, count: usize, weight: impl Fn(usize) -> f32) -> Self {
         if self.len() <= count {
             return self.clone();
         }
-        let covered = |i: usize| {
-            let [a, b, c] = self.log_scales[i].to_array();
-            // Without the shortest axis.
-            (sigmoid(self.opacity_logits[i]) * (a + b + c - a.min(b).min(c)).exp()).max(f32::MIN_POSITIVE)
-        };
-        let samples: Vec<f32> = (0..self.len()).step_by(self.len().div_ceil(SAMPLES)).map(covered).collect();
+        let samples: Vec<f32> = (0..self.len()).step_by(self.len().div_ceil(SAMPLES)).map(&weight).collect();
         let threshold = threshold(&samples, count as f32 / self.len() as f32);
         let mut thin = Self { sh_degree: self.sh_degree, ..Self::default() };
         let (len, mut sum) = (self.sh_len(), 0.5);
         for i in 0..self.len() {
-            let share = (covered(i) / threshold).min(1.0);
-            // A Gaussian stays if the sum of all shares passes a whole number at its share.
+            let share = (weight(i) / threshold).min(1.0);
             sum += share;
             if sum < 1.0 {
                 continue;
@@ -66,10 +71,13 @@ fn threshold(values: &[f32], share: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
     use crate::scene::Gaussian3d;
+
+    fn thinned(scene: &Scene3d, count: usize) -> Scene3d {
+        let coverage = scene.coverage();
+        scene.thinned(count, |i| coverage[i])
+    }
 
     /// Small Gaussians in a row, and every hundredth large.
     fn row() -> Scene3d {
@@ -86,7 +94,7 @@ mod tests {
     #[test]
     fn a_thinned_scene_has_the_count_and_covers_as_much_everywhere() {
         let scene = row();
-        let thin = scene.thinned(2000);
+        let thin = thinned(&scene, 2000);
         assert!((1990..=2010).contains(&thin.len()), "{}", thin.len());
         assert!(thin.validate().is_ok() && thin.sh_degree == 1);
         // Large ones stay as they are, and small ones grow.
@@ -104,17 +112,21 @@ mod tests {
         // Each has the values of one that was there.
         assert!(thin.means.iter().zip(thin.sh.chunks(4)).all(|(mean, sh)| sh == [Vec3::splat(mean.x); 4]));
         // Those with a share below a ninth grow threefold.
-        let few = scene.thinned(300);
+        let few = thinned(&scene, 300);
         assert!((290..=310).contains(&few.len()), "{}", few.len());
         let small = few.log_scales.iter().filter(|s| s.z < -3.0 && s.x < 0.5);
         assert!(small.clone().count() > 100 && small.clone().all(|s| (s.x - (-2.0 + 3.0_f32.ln())).abs() < 1e-5));
         // Opaque ones stay rather than others.
         let mut pale = scene.clone();
         pale.opacity_logits[5000..].fill(-3.0);
-        let thin = pale.thinned(2000);
+        let thin = thinned(&pale, 2000);
         let (left, right) = (thin.means.iter().filter(|m| m.x < 5000.0).count(), thin.len());
         assert!(left > 3 * (right - left), "{left} of {right}");
-        assert_eq!(scene.thinned(10_000), scene);
-        assert_eq!(scene.thinned(0).len(), 0);
+        // With distances, more stay nearby.
+        let coverage = scene.coverage();
+        let near = scene.thinned(2000, |i| coverage[i] / (1.0 + scene.means[i].x).powi(2));
+        assert!(near.means.iter().filter(|mean| mean.x < 1000.0).count() > 900);
+        assert_eq!(thinned(&scene, 10_000), scene);
+        assert_eq!(thinned(&scene, 0).len(), 0);
     }
 }
