@@ -52,7 +52,7 @@ struct Few {
 }
 
 impl Few {
-    /// Those for this camera. They are chosen anew when it has moved by half of its distance from what it looks at.
+    /// Returns the Gaussians to draw for this camera. They are chosen anew when it has moved by half of its distance from what it looks at.
     fn of(&self, on: &AnyRasterizer, scene: &Scene3d, pose: &Pose) -> Result<Rc<AnySplats<Scene3d>>, JsError> {
         let (position, target) = (Vec3::from(pose.position), Vec3::from(pose.target));
         let reach = position.distance(target);

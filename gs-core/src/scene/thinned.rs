@@ -30,8 +30,8 @@ impl Scene3d {
     /// Neighbours in memory should be neighbours in space, as in a SOG. The Gaussians that stay are then evenly spread.
     ///
     /// *Source:* Cook, Halstead, Planck and Ryu, "Stochastic Simplification of Aggregate Detail" (2007): some elements
-    /// are left out, and the others get larger. There all have the same share. Shares by size are those of systematic
-    /// sampling in proportion to size (Madow 1949).
+    /// are left out, and the others get larger. In that paper all elements have the same share; shares by size are
+    /// those of systematic sampling in proportion to size (Madow 1949).
     #[must_use]
     pub fn thinned(&self, count: usize, weight: impl Fn(usize) -> f32) -> Self {
         if self.len() <= count {

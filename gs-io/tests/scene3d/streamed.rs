@@ -62,6 +62,15 @@ fn levels_in_memory_are_those_of_the_file_and_only_what_is_missing_is_read() {
     for wanted in [[6, 6], [0, 6], [0, 3], [2, 3], [6, 6], [1, 1]] {
         assert_eq!(levels.read(&wanted).unwrap(), streamed.read(&wanted).unwrap().scene, "{wanted:?}");
     }
+    // What a chunk has beside what is wanted leaves the memory before the next chunk comes.
+    let mut narrow = LevelsInMemory::of(streamed.clone(), 0);
+    for path in narrow.missing(&[0, 3], glam::Vec3::ZERO) {
+        narrow.add(&path, None).unwrap();
+    }
+    let count =
+        |levels: &mut LevelsInMemory, wanted: &[usize]| levels.shown(wanted).iter().map(|p| p.len()).sum::<usize>();
+    let of = |cell: usize, level: usize| streamed.tree().cells()[cell].1[level].gaussians;
+    assert_eq!(count(&mut narrow, &[3, 0]), of(0, 0) + of(1, 3), "the others of both chunks are gone");
     // Without the chunk of level 1, what is there can still be shown, but not read again.
     fs::remove_dir_all(path.with_file_name("1_0")).unwrap();
     assert_eq!(levels.read(&[1, 1]).unwrap().len(), 4500);

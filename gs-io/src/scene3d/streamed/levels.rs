@@ -29,10 +29,13 @@ pub struct LevelsInMemory {
     parts: HashMap<Run, Part>,
     /// What the chunks so far were trained with.
     trained_with: Option<TrainedWith>,
-    /// Most bytes of parts that are neither shown nor the coarsest of a cell.
+    /// Most bytes of parts that are neither wanted nor shown nor the coarsest of a cell.
     room: usize,
     /// Number of calls of [`Self::missing`].
     turn: u64,
+    /// What its last call wanted.
+    wanted: HashSet<Run>,
+    /// The levels that were shown last.
     shown: Option<Vec<usize>>,
 }
 
@@ -55,7 +58,8 @@ impl LevelsInMemory {
     /// Begins with the tree alone. Up to `room` bytes are used for levels that are not shown, in addition to the
     /// coarsest ones.
     pub fn of(file: StreamedSog, room: usize) -> Self {
-        Self { file, environment: None, parts: HashMap::new(), trained_with: None, room, turn: 0, shown: None }
+        let (parts, wanted) = (HashMap::new(), HashSet::new());
+        Self { file, environment: None, parts, trained_with: None, room, turn: 0, wanted, shown: None }
     }
 
     /// The bounds of the cells, and the number of Gaussians and the error of each level.
@@ -74,6 +78,7 @@ impl LevelsInMemory {
         self.turn += 1;
         let mut distances: HashMap<usize, f32> = HashMap::new();
         let wanted: Vec<Option<Run>> = self.file.wanted(levels).collect();
+        self.wanted = wanted.iter().flatten().copied().collect();
         for (cell, (bounds, _)) in self.file.tree.cells().into_iter().enumerate() {
             let Some(run) = wanted[cell] else { continue };
             if let Some(part) = self.parts.get_mut(&run) {
@@ -118,6 +123,7 @@ impl LevelsInMemory {
             let part = || Part { scene: part(&scene, run), wanted: self.turn.saturating_sub(1) };
             self.parts.entry(run).or_insert_with(part);
         }
+        self.make_room();
         Ok(())
     }
 
@@ -164,7 +170,7 @@ impl LevelsInMemory {
         shown.sort_unstable_by_key(|run| (run.file, run.offset));
         let nothing = |cell: usize| self.file.cells[cell].len() - 1;
         self.shown = Some(in_place.iter().enumerate().map(|(cell, l)| l.unwrap_or_else(|| nothing(cell))).collect());
-        self.make_room(&shown);
+        self.make_room();
         let parts = shown.iter().filter_map(|run| self.parts.get(run)).map(|part| &part.scene);
         parts.chain(&self.environment).collect()
     }
@@ -188,10 +194,12 @@ impl LevelsInMemory {
         self.trained_with.unwrap_or_default()
     }
 
-    /// Removes parts that are not shown, until the remaining ones fit into the room.
-    fn make_room(&mut self, shown: &[Run]) {
-        let mut stay: HashSet<Run> = shown.iter().copied().collect();
-        stay.extend(self.file.cells.iter().filter_map(|runs| *runs.last()?));
+    /// Removes parts that are neither wanted nor shown, until the remaining ones of them fit into the room.
+    fn make_room(&mut self) {
+        let cells = &self.file.cells;
+        let shown = cells.iter().zip(self.shown.iter().flatten()).filter_map(|(runs, &level)| runs[level]);
+        let coarsest = cells.iter().filter_map(|runs| *runs.last()?);
+        let stay: HashSet<Run> = self.wanted.iter().copied().chain(shown).chain(coarsest).collect();
         let mut others: Vec<(u64, Run, usize)> = self
             .parts
             .iter()

@@ -221,7 +221,7 @@ fn unsupported_settings_are_listed_and_the_search_goes_on() {
     }
 }
 
-/// The reference picture is that of the 64-bit oracle, except for roundings.
+/// The reference picture differs from that of the 64-bit oracle only by rounding.
 #[test]
 fn a_rendering_without_cut_offs_matches_the_oracle() {
     let (scene, view) = (scene(), Canvas::new(64, 48));
