@@ -23,9 +23,8 @@ pub(crate) const FOLDER_NAMES: [&str; 1] = ["tileset.json"];
 const ANY: &[&str] = &[];
 
 /// The first match counts.
-const KINDS: [Kind; 12] = [
+const KINDS: [Kind; 11] = [
     Kind { start: b"", endings: &["sogs"], what: "a SOG scene of version 1", hint: SPLAT_TRANSFORM },
-    Kind { start: b"", endings: &["rad"], what: "a RAD scene of Spark", hint: "convert it to PLY or SPZ with Spark" },
     Kind {
         start: b"",
         endings: &["b3dm", "i3dm", "pnts", "cmpt", "subtree"],

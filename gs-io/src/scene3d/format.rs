@@ -24,6 +24,8 @@ pub enum Format3d {
     /// Streamed SOG: levels of detail of the cells of a tree, as SOGs in the folders next to a file
     /// `lod-meta.json`.
     StreamedSog,
+    /// RAD, of Spark, with a tree of levels of detail.
+    Rad,
     /// `.ksplat`, of mkkellogg's viewer.
     Ksplat,
     /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads

@@ -7,7 +7,7 @@ use super::{
     foreign::has_name,
     gltf, ksplat,
     options::ToWrite,
-    ply, sog,
+    ply, rad, sog,
     source::Source,
     splat, spz,
     streamed::{self, StreamedSog},
@@ -107,6 +107,15 @@ const FORMATS: &[Row] = &[
         read: |source, _| StreamedSog::parse(source)?.read_finest(),
         encode: |write| Err(Error::unsupported(write.path, "a streamed SOG in memory", "write it with write_3d")),
         beside: |path, _| streamed::chunk_files(path),
+        memory: 14,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Rad,
+        name: "RAD",
+        what: "a RAD file",
+        recognises: |start, path| start.starts_with(&rad::MAGIC) || has_ending(path, "rad"),
+        read: rad::read,
         memory: 14,
         ..ROW
     },

@@ -27,7 +27,7 @@ use gs_core::{Scene3d, constants::SH_C0};
 use super::{
     File3d, Format3d,
     source::Source,
-    values::{log_of_scale, logit_of_step, rest_of_degree},
+    values::{log_of_scale, logit_of_step, of_half, rest_of_degree},
 };
 use crate::error::Error;
 
@@ -232,30 +232,5 @@ impl Section {
             return Vec3::ZERO;
         }
         Vec3::from([0, 1, 2].map(|channel| level.sh(sh, 3 * first + channel * len + k - first)))
-    }
-}
-
-/// The number of an IEEE half.
-fn of_half(bits: u16) -> f32 {
-    let sign = u32::from(bits >> 15) << 31;
-    let (exponent, fraction) = (u32::from(bits >> 10 & 0x1f), u32::from(bits & 0x3ff));
-    let magnitude = match exponent {
-        0 => return f32::from_bits(sign | (fraction as f32 * 2.0_f32.powi(-24)).to_bits()),
-        31 => 0xff << 23 | fraction << 13,
-        _ => (exponent + 112) << 23 | fraction << 13,
-    };
-    f32::from_bits(sign | magnitude)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::of_half;
-
-    #[test]
-    fn halves_are_exact() {
-        let cases =
-            [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65_504.0), (0x0001, 5.960_464_5e-8), (0x3555, 0.333_251_95)];
-        cases.iter().for_each(|&(bits, value)| assert_eq!(of_half(bits), value));
-        assert!(of_half(0x7c00).is_infinite() && of_half(0x7e00).is_nan() && of_half(0x8000).is_sign_negative());
     }
 }

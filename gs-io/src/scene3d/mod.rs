@@ -27,6 +27,7 @@ mod ksplat;
 mod options;
 mod parts;
 pub(crate) mod ply;
+mod rad;
 mod range;
 mod sog;
 pub(crate) mod source;

@@ -232,7 +232,7 @@ fn bounds(source: &Source<'_>, bound: &Bound) -> Result<Bounds, Error> {
 }
 
 /// Whether a name is a path into the folder that does not leave it.
-fn stays_inside(name: &str) -> bool {
+pub(in crate::scene3d) fn stays_inside(name: &str) -> bool {
     let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
     inside && !name.is_empty() && !name.contains(['\0', ':', '\\'])
 }

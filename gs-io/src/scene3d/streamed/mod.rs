@@ -26,6 +26,7 @@ use std::{
 use gs_core::{LodNode, Scene, Scene3d};
 
 pub use self::levels::LevelsInMemory;
+pub(super) use self::meta::stays_inside;
 use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
 pub(super) use self::write::write;

@@ -11,7 +11,7 @@ mod unit;
 
 pub(crate) use self::{
     flips::Flips,
-    number::Number,
+    number::{Number, of_half},
     quantity::{
         byte_of_logit, finite_logit, log_of_scale, logit_of_opacity, logit_of_step, opacity_of_logit, scale_of_log,
     },
