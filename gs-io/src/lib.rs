@@ -12,7 +12,7 @@
 //! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_2d`] | [`write_2d`] |
 //! | 2D scenes, `.gsi`, compressed | [`read_gsi`] | [`gs_codec::Picture::encode`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
-//! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
+//! | 3D scenes: PLY, `.splat`, SPZ, SOG, RAD, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
 //! | … with levels of detail: streamed SOG | [`read_3d`], [`StreamedSog`] | [`write_3d`] |
 //! | edits of 3D scenes: moving, cropping, joining and the like | [`Edit`] | – |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |

@@ -180,7 +180,7 @@ fn impossible_conversions_are_refused() {
     fs::write(path("short.ply"), &fs::read(&first).unwrap()[..2000]).unwrap();
     let before = names_in(place.path());
     for (from, to, status, expected) in [
-        (&first, "a.obj", 2, "use .ply, .spz, .sog, .glb, .gltf or .splat"),
+        (&first, "a.obj", 2, "use .ply, .spz, .sog, .rad, .glb, .gltf or .splat"),
         (&first, "no/such/a.ply", 1, "no folder"),
         (&path("absent.ply"), "a.spz", 1, "no such file"),
         (&path("short.ply"), "a.spz", 1, "10 rows of element vertex"),

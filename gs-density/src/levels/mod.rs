@@ -25,6 +25,8 @@ pub struct Level {
     /// distance (Wasserstein-2) of the cell's Gaussians from those in whose place they are, with opacity
     /// times area as weights.
     pub error: f32,
+    /// For each Gaussian, the numbers of those in whose place it is, in the level before, or in the cell.
+    pub groups: Vec<Vec<u32>>,
 }
 
 /// The numbers of Gaussians in the order of a binary tree: [`halves`] of the order are on both sides of a
@@ -69,10 +71,11 @@ pub fn levels(scene: &Scene3d, members: &[u32], counts: &[usize]) -> Vec<Level> 
     for &count in counts {
         let before = levels.last().map_or(&all, |level| &level.scene);
         let mut fewer = empty();
-        for group in merging.until(count.max(1)) {
+        let groups = merging.until(count.max(1));
+        for group in &groups {
             fewer.push(one_of(group.iter().map(|&i| before.gaussian(i as usize)).collect()));
         }
-        levels.push(Level { scene: fewer, error: merging.error() as f32 });
+        levels.push(Level { scene: fewer, error: merging.error() as f32, groups });
     }
     levels
 }
@@ -150,7 +153,12 @@ mod tests {
         // Half of the Gaussians move by less than the distance of neighbours, one by about the size of all.
         assert!(made[1].error < 1.0, "{}", made[1].error);
         assert!(made[5].error > 8.0 && made[5].error < 30.0, "{}", made[5].error);
-        made.iter().for_each(|level| level.scene.validate().unwrap());
+        for (level, before) in made.iter().zip([1000].iter().chain(&counts)) {
+            level.scene.validate().unwrap();
+            let mut all = level.groups.concat();
+            all.sort_unstable();
+            assert!(level.groups.len() == level.scene.len() && all.into_iter().eq(0..*before as u32));
+        }
         assert_eq!(made, levels(&scene, &members, &counts));
     }
 

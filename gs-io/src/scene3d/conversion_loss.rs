@@ -154,6 +154,11 @@ impl Clamp {
         value.clamp(self.low, self.high)
     }
 
+    /// The smallest and the largest value that stay as they are.
+    pub(crate) fn range(&self) -> [f32; 2] {
+        [self.low, self.high]
+    }
+
     pub(crate) fn loss(&self) -> Option<ConversionLoss> {
         let Self { what, low, high, values, .. } = *self;
         (values > 0).then_some(ConversionLoss::Clamped { what, values, low, high })

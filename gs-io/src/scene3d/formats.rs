@@ -114,8 +114,11 @@ const FORMATS: &[Row] = &[
         format: Format3d::Rad,
         name: "RAD",
         what: "a RAD file",
+        ending: Some(".rad"),
         recognises: |start, path| start.starts_with(&rad::MAGIC) || has_ending(path, "rad"),
         read: rad::read,
+        #[cfg(feature = "write")]
+        encode: rad::encode,
         memory: 14,
         ..ROW
     },

@@ -10,12 +10,13 @@
 //! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
 //! | SOG, bundled and unbundled | version 2 | version 2 | all degrees, everything rounded |
 //! | streamed SOG, `lod-meta.json` | the finest level, or a cut through the levels ([`StreamedSog`]) | yes, with levels of detail | as SOG |
+//! | RAD, of Spark | the finest level | yes, with levels of detail | all degrees; means bit for bit, the others rounded |
 //! | `.ksplat` | yes | – | degree 2 at most |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
 //! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and SH bit for bit, the others to rounding |
 //!
-//! World axes are those of COLMAP's data sets: x right, y down, z forward. PLY and `.splat` use
-//! them by convention; SPZ (right, up, back) and glTF (left, up, forward) are converted.
+//! World axes are those of COLMAP's data sets: x right, y down, z forward. PLY, `.splat` and
+//! RAD use them by convention; SPZ (right, up, back) and glTF (left, up, forward) are converted.
 
 mod conversion_loss;
 mod file;
@@ -106,7 +107,7 @@ pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
 }
 
 /// Writes a scene, atomically, in the format of the file's extension: `.ply`, `.splat`, `.spz`,
-/// `.gltf`, `.glb` or `.sog`; or as a SOG in a folder for the name `meta.json`, which is written
+/// `.rad`, `.gltf`, `.glb` or `.sog`; or as a SOG in a folder for the name `meta.json`, which is written
 /// after the images; or with levels of detail as a streamed SOG for the name `lod-meta.json`, whose
 /// folder, which need not exist, gets its `lod-meta.json` last. Infinite opacity logits are written as
 /// finite ones with the same picture.

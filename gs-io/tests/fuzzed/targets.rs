@@ -19,7 +19,7 @@ pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
 /// corpus's folders.
-pub const TARGETS: [(&str, Target); 14] = [
+pub const TARGETS: [(&str, Target); 15] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),
@@ -29,6 +29,7 @@ pub const TARGETS: [(&str, Target); 14] = [
     ("lens", lens),
     ("ply", ply),
     ("poses", poses),
+    ("rad", rad),
     ("sog", sog),
     ("splat", splat),
     ("spz", spz),
@@ -89,6 +90,11 @@ pub fn streamed_sog(bytes: &[u8]) {
             assert!(file.scene.len() >= cut.gaussians);
         }
     }
+}
+
+/// RAD, with and without a tree.
+pub fn rad(bytes: &[u8]) {
+    scene_3d(Format3d::Rad, bytes);
 }
 
 /// `.ksplat` of every compression level.

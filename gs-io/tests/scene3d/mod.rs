@@ -4,6 +4,7 @@
 mod bad_input;
 mod mutations;
 mod nodes;
+mod rad;
 mod real_files;
 mod round_trips;
 mod samples;

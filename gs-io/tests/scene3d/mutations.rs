@@ -103,7 +103,7 @@ fn files_cut_short_anywhere_are_refused() {
 #[test]
 fn any_bytes_may_be_called_any_kind() {
     let kinds = [Format3d::Ply, Format3d::CompressedPly, Format3d::Splat, Format3d::Spz];
-    let packed = [Format3d::Sog, Format3d::SogFolder, Format3d::StreamedSog, Format3d::Ksplat];
+    let packed = [Format3d::Sog, Format3d::SogFolder, Format3d::StreamedSog, Format3d::Rad, Format3d::Ksplat];
     for format in kinds.into_iter().chain([Format3d::Gltf, Format3d::Glb]).chain(packed) {
         for (name, bytes) in corpus() {
             decode(format, &bytes, name);

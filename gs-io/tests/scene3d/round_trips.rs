@@ -141,6 +141,23 @@ proptest! {
     }
 
     #[test]
+    fn rad_stays_within_its_steps(scene in scenes(finite, || -1.0..=1.0_f32)) {
+        let folder = tempfile::tempdir().unwrap();
+        let order = write_3d(folder.path().join("a.rad"), &scene, &WriteOptions3d::default()).unwrap().order.unwrap();
+        let read = back("a.rad", &scene, &WriteOptions3d::default());
+        prop_assert_eq!((read.len(), read.sh_degree), (scene.len(), scene.sh_degree));
+        for (i, original) in order.into_iter().enumerate() {
+            let (a, b) = (read.gaussian(i), scene.gaussian(original as usize));
+            prop_assert_eq!(a.mean, b.mean);
+            assert_near("log-scale", a.log_scale, b.log_scale, 0.501 * 21.0 / 254.0);
+            prop_assert!((sigmoid(a.opacity_logit) - sigmoid(b.opacity_logit)).abs() < 0.501 / 255.0);
+            prop_assert!(cosine(a.rotation, b.rotation) > 0.9998);
+            assert_near("colour", a.sh[0], b.sh[0], 0.501 * 3.0 / 255.0 / 0.2821);
+            (1..b.sh.len()).for_each(|k| assert_near("coefficient", a.sh[k], b.sh[k], 0.501 / 127.0));
+        }
+    }
+
+    #[test]
     fn sog_stays_within_its_steps(
         scene in scenes(|| -2000.0..2000.0_f32, || -1.0..=1.0_f32),
         name in prop_oneof![Just("a.sog"), Just("meta.json")],

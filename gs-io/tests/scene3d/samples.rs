@@ -8,6 +8,7 @@ use flate2::{Compression, write::GzEncoder};
 use glam::Vec3;
 use gs_core::{Gaussian3d, Scene, Scene3d};
 use gs_io::{File3d, Format3d, SpzVersion, WriteOptions3d, decode_3d, write_3d};
+use serde_json::{Value, json};
 
 /// A scene whose numbers all differ, with unit quaternions.
 pub(crate) fn scene(count: usize, sh_degree: u8) -> Scene3d {
@@ -207,6 +208,66 @@ pub(crate) fn ksplat(level: u16) -> Vec<u8> {
     bytes
 }
 
+/// A RAD of one chunk of `count` Gaussians with these properties, each a description and its bytes. `head` and `chunk`
+/// are what the JSON of the file and of the chunk have in addition or in place.
+pub(crate) fn rad(count: usize, properties: &[(Value, Vec<u8>)], head: Value, chunk: Value) -> Vec<u8> {
+    let (mut payload, mut described) = (Vec::new(), Vec::new());
+    for (property, bytes) in properties {
+        described.push(with(json!({ "offset": payload.len(), "bytes": bytes.len() }), property));
+        payload.extend(bytes);
+        payload.resize(payload.len().next_multiple_of(8), 0);
+    }
+    let chunk_head = json!({ "version": 1, "base": 0, "count": count, "properties": described });
+    let mut part = rad_json(b"RADC", &with(chunk_head, &chunk));
+    part.extend((payload.len() as u64).to_le_bytes());
+    part.extend(payload);
+    let ranges = [json!({ "offset": 0, "bytes": part.len() })];
+    let mut bytes =
+        rad_json(b"RAD0", &with(json!({ "version": 1, "type": "gsplat", "count": count, "chunks": ranges }), &head));
+    bytes.extend(part);
+    bytes
+}
+
+fn with(mut object: Value, more: &Value) -> Value {
+    more.as_object().unwrap().iter().for_each(|(key, value)| object[key] = value.clone());
+    object
+}
+
+fn rad_json(magic: &[u8; 4], json: &Value) -> Vec<u8> {
+    let text = json.to_string();
+    let mut bytes = [&magic[..], &(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+    bytes.resize(bytes.len().next_multiple_of(8), 0);
+    bytes
+}
+
+/// Numbers as they are in a RAD: the first of all Gaussians, then the second, and so on.
+pub(crate) fn rad_floats<const N: usize>(name: &str, values: &[[f32; N]]) -> (Value, Vec<u8>) {
+    let planes = (0..N).flat_map(|k| values.iter().flat_map(move |value| value[k].to_le_bytes()));
+    (json!({ "property": name, "encoding": "f32" }), planes.collect())
+}
+
+/// Two Gaussians of a RAD, all as f32.
+pub(crate) fn rad_properties() -> Vec<(Value, Vec<u8>)> {
+    vec![
+        rad_floats("center", &[[1.0, 2.0, 3.0], [-1.0, 0.0, 0.5]]),
+        rad_floats("alpha", &[[0.25], [0.5]]),
+        rad_floats("rgb", &[[0.5, 1.0, 0.0], [0.0, 0.5, 1.0]]),
+        rad_floats("scales", &[[1.0, 0.5, 0.25], [2.0, 1.0, 0.0]]),
+        rad_floats("orientation", &[[0.0, 0.0, 0.0], [0.6, 0.0, 0.8]]),
+        rad_floats("sh1", &[[0.0, 1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0, -1.0], [0.5; 9]]),
+    ]
+}
+
+/// A RAD of Gaussian 0, which stands for the others, with this number of children and first of them.
+pub(crate) fn rad_tree(children: u16, start: u32) -> Vec<u8> {
+    let mut properties = rad_properties();
+    properties
+        .push((json!({ "property": "child_count", "encoding": "u16" }), [children, 0].map(u16::to_le_bytes).concat()));
+    properties
+        .push((json!({ "property": "child_start", "encoding": "u32" }), [start, 0].map(u32::to_le_bytes).concat()));
+    rad(2, &properties, json!({ "maxSh": 1, "lodTree": true }), json!({}))
+}
+
 /// One small file of every kind and shape.
 pub(crate) fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let (small, options) = (scene(3, 1), WriteOptions3d::default());
@@ -221,6 +282,8 @@ pub(crate) fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("3.spz", written("a.spz", &small, &spz(SpzVersion::V3))),
         ("4.spz", written("a.spz", &small, &options)),
         ("a.sog", written("a.sog", &small, &options)),
+        ("a.rad", written("a.rad", &small, &options)),
+        ("plain.rad", rad(2, &rad_properties(), json!({ "maxSh": 1 }), json!({}))),
         ("0.ksplat", ksplat(0)),
         ("2.ksplat", ksplat(2)),
         ("a.gltf", written("a.gltf", &small, &options)),

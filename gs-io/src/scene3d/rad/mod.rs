@@ -19,6 +19,10 @@
 //! *Source:* sparkjsdev/spark 2, `rust/spark-lib/src/rad.rs`, `splat_encode.rs` and `rust/spark-rs/src/lod_tree.rs`.
 
 mod planes;
+#[cfg(feature = "write")]
+mod tree;
+#[cfg(feature = "write")]
+mod write;
 
 use std::{borrow::Cow, collections::BTreeMap};
 
@@ -27,6 +31,8 @@ use gs_core::{Scene3d, constants::SH_C0};
 use serde::{Deserialize, de::DeserializeOwned};
 
 use self::planes::{Chunk, Planes, Property};
+#[cfg(feature = "write")]
+pub(super) use self::write::encode;
 use super::{
     File3d, Format3d,
     conversion_loss::Clamp,

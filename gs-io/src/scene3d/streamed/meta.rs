@@ -81,11 +81,11 @@ impl From<&Bound> for Bounds {
 
 /// Consecutive Gaussians of a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub(super) struct Run {
+pub(in crate::scene3d) struct Run {
     /// The index of the chunk.
     pub(super) file: usize,
     pub(super) offset: usize,
-    pub(super) count: usize,
+    pub(in crate::scene3d) count: usize,
 }
 
 /// The runs of each cell by level.

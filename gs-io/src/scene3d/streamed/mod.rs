@@ -29,6 +29,8 @@ pub use self::levels::LevelsInMemory;
 pub(super) use self::meta::stays_inside;
 use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
+pub(super) use self::plan::{CELL, Plan};
+#[cfg(feature = "write")]
 pub(super) use self::write::write;
 #[cfg(feature = "write")]
 pub use self::write::write_levels_of_parts_3d;

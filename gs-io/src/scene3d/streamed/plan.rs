@@ -8,7 +8,7 @@ use super::meta::{LodMeta, Node, Run, VERSION, WORLD};
 use crate::scene3d::sog;
 
 /// Most Gaussians of a cell. Smaller cells fit a view better, but more merges stop at their borders.
-pub(super) const CELL: usize = 1 << 13;
+pub(in crate::scene3d) const CELL: usize = 1 << 13;
 
 /// Most levels of a scene; each has half the Gaussians of the one before.
 const LEVELS: usize = 7;
@@ -18,27 +18,27 @@ const CHUNK: usize = 1 << 18;
 
 /// A cell of the tree.
 #[derive(Debug)]
-pub(super) struct Cell {
+pub(in crate::scene3d) struct Cell {
     /// The part of the scene that it is in.
     pub(super) part: usize,
     /// Its Gaussians in the [`gs_density::spatial_order`] of the part.
-    pub(super) members: Range<usize>,
+    pub(in crate::scene3d) members: Range<usize>,
     /// Its run in each level.
-    pub(super) runs: Vec<Run>,
+    pub(in crate::scene3d) runs: Vec<Run>,
 }
 
 /// The chunks of a scene in any number of parts, of any number of Gaussians. Each part has a tree of its own, and one
 /// above them joins them.
 #[derive(Debug)]
-pub(super) struct Plan {
-    pub(super) cells: Vec<Cell>,
+pub(in crate::scene3d) struct Plan {
+    pub(in crate::scene3d) cells: Vec<Cell>,
     /// Names of the chunks' folders, in the order of the files in `lod-meta.json`.
     pub(super) chunks: Vec<String>,
 }
 
 impl Plan {
     /// `parts` are the numbers of Gaussians of the parts. Those without any have no cells.
-    pub(super) fn of(parts: &[usize]) -> Self {
+    pub(in crate::scene3d) fn of(parts: &[usize]) -> Self {
         let mut plan = Self { cells: Vec::new(), chunks: Vec::new() };
         let with_some = parts.iter().enumerate().filter(|(_, gaussians)| **gaussians > 0);
         with_some.for_each(|(part, gaussians)| plan.add_cells(part, 0..*gaussians));
