@@ -155,6 +155,7 @@ impl Clamp {
     }
 
     /// The smallest and the largest value that stay as they are.
+    #[cfg(feature = "write")]
     pub(crate) fn range(&self) -> [f32; 2] {
         [self.low, self.high]
     }

@@ -43,7 +43,7 @@ fn a_file_of_32_bit_numbers_is_read_exactly() {
 #[test]
 fn all_encodings_give_the_same_numbers() {
     let half = |v: f32| {
-        if v == 0.0 { 0 } else { (v.to_bits() >> 31 << 15 | (v.to_bits() >> 13) - (112 << 10) & 0x7fff) as u16 }
+        if v == 0.0 { 0 } else { ((v.to_bits() >> 31) << 15 | (((v.to_bits() >> 13) - (112 << 10)) & 0x7fff)) as u16 }
     };
     let of = |name: &str| rad_properties().into_iter().find(|(p, _)| p["property"] == name).unwrap().1;
     let floats = |name: &str| -> Vec<f32> { of(name).as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect() };
