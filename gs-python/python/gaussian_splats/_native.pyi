@@ -605,7 +605,11 @@ class Training:
 
 @final
 class TrainRun:
-    """A training under way; see :class:`FitRun` and :func:`gaussian_splats.train`."""
+    """A training under way; see :class:`FitRun` and :func:`gaussian_splats.train`.
+
+    Without ``iterations``, a trial may lengthen it beyond its length: ``Progress.iterations`` has the
+    number that was decided.
+    """
 
     def __new__(
         cls,

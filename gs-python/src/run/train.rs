@@ -80,7 +80,7 @@ impl TrainRun {
                         let trainer = Trainer3d::resume_views(rasterizer, views, checkpoint)?;
                         // The extent is measured when a training begins, and the points of its start
                         // may raise the number of Gaussians.
-                        let (mut wanted, held) = (train, trainer.settings());
+                        let (mut wanted, held) = (train, trainer.settings_to_repeat());
                         wanted.extent = wanted.extent.or(held.extent);
                         if wanted.may_be_raised_to(held.gaussians) {
                             wanted = wanted.with_gaussians(held.gaussians);

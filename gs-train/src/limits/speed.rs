@@ -146,6 +146,7 @@ impl Speed {
             rounds: Rounds { every: ROUND_EVERY, from: ROUND_EVERY, until: STEPS - 1 },
             resolution,
             recovery: Recovery::Never,
+            lengthen_to: 0,
             // Its first steps would be on smaller images than the settings name.
             refine_poses: RefinePoses::Off,
             ..settings.clone().with_gaussians(gaussians)

@@ -47,7 +47,9 @@ impl Beginning {
             let allowed = "off with 360° images or wide fish-eyes, whose views share a camera";
             return Err(gs_core::Error::setting("refine-poses", settings.refine_poses, allowed).into());
         }
-        settings.remove_unseen &= !matches!(start, Start::Scene(_));
+        if matches!(start, Start::Scene(_)) {
+            (settings.remove_unseen, settings.lengthen_to) = (false, 0);
+        }
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         if settings.fixed > 0 && !matches!(start, Start::Scene(_)) {
             return Err(

@@ -11,11 +11,14 @@ mod exposure;
 mod first_poses;
 mod poses;
 mod presets;
+mod ranks;
 mod rendered_depths;
 mod settings;
 mod summary;
 mod task;
+mod thinned;
 mod trainer;
+mod trial;
 mod unseen;
 mod usual_start;
 
@@ -30,6 +33,7 @@ pub use self::{
     settings::TrainSettings,
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
+    trial::TrialReport,
 };
 #[cfg(feature = "edit")]
 pub(crate) use self::{

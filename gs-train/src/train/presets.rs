@@ -50,6 +50,9 @@ const STANDARD_ITERATIONS: u32 = 4_000;
 const STEPS_PER_VIEW: usize = 40;
 const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
 
+/// Steps of a run of minutes with few views, if a trial shows that more steps gain.
+const LENGTHENED: u32 = 4_000;
+
 /// Pixels of training views for each Gaussian of a run of minutes: 480 values for 59 numbers. With
 /// more Gaussians, scenes fit few views ever better, and views between them worse.
 const PIXELS_PER_GAUSSIAN: u64 = 160;
@@ -98,7 +101,9 @@ impl TrainPreset {
     ///
     /// The views determine the steps and the largest number of Gaussians of [`Self::Standard`]: 40
     /// steps a view, 2,000 to 8,000 in all, and a Gaussian for 160 pixels, 20,000 to 1,000,000 in
-    /// all. Its [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
+    /// all. Where `iterations` is `None` and that is less than 4,000 steps, a trial before the run
+    /// decides whether it has 4,000, and whether it needs fewer Gaussians
+    /// ([`TrainSettings::lengthen_to`]). Its [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
     ///
     /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets. A pixel
     /// of a rendered image is about the mean over its square, whose variance of 1/12 px² is close
@@ -128,7 +133,9 @@ fn standard_for<'a>(iterations: Option<u32>, cameras: impl IntoIterator<Item = &
     let steps = (pixels.len() * STEPS_PER_VIEW).clamp(shortest, longest) as u32;
     let [least, most] = STANDARD_GAUSSIANS;
     let gaussians = (pixels.iter().sum::<u64>() / PIXELS_PER_GAUSSIAN).clamp(least, most) as u32;
-    TrainSettings { gaussians, ..standard(iterations.unwrap_or(steps)) }
+    let undecided = iterations.is_none() && steps < LENGTHENED;
+    let usual = standard(iterations.unwrap_or(steps));
+    TrainSettings { gaussians, lengthen_to: if undecided { LENGTHENED } else { 0 }, limit_growth: undecided, ..usual }
 }
 
 impl Default for TrainSettings {
@@ -159,6 +166,8 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         fixed: 0,
         exactly: false,
         iterations,
+        lengthen_to: 0,
+        limit_growth: false,
         decay_over: if iterations < SHORTEST_AS_PUBLISHED { 0 } else { ITERATIONS },
         seed: 0,
         extent: None,
@@ -294,6 +303,13 @@ mod tests {
             settings.validate().unwrap();
             (settings.iterations, settings.gaussians)
         };
+        let undecided = |views: usize, steps: Option<u32>| {
+            let cameras = vec![Camera::looking_forward(80, 60, 1.0); views];
+            let settings = TrainPreset::Standard.settings_for(steps, DatasetKind::Colmap, &cameras);
+            (settings.lengthen_to, settings.limit_growth)
+        };
+        assert_eq!(undecided(99, None), (4_000, true));
+        assert_eq!([undecided(99, Some(300)), undecided(100, None)], [(0, false); 2]);
         assert_eq!(settings(100, 400, 400, None), (4_000, 100_000));
         assert_eq!(settings(12, 800, 532, None), (2_000, 31_920));
         assert_eq!(settings(1_000, 1_600, 1_200, None), (8_000, 1_000_000));

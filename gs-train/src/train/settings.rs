@@ -44,6 +44,18 @@ pub struct TrainSettings {
     pub exactly: bool,
     /// Number of steps, one view each; 0 leaves the first scene as it is.
     pub iterations: u32,
+    /// Number of steps of a longer run, if a trial before the first step shows that it would gain. The trial does a
+    /// part of the run on small images without some of the training views, which measure it
+    /// ([`TrialReport`](super::TrialReport)). With at most [`Self::iterations`], or with fewer than five training views, there is no
+    /// trial. Ignored (set to 0) when training starts from a scene. Default 0. The settings of a training that has begun
+    /// have the decided number of steps, and 0 here.
+    #[serde(skip_serializing_if = "is_zero_count")]
+    pub lengthen_to: u32,
+    /// Whether the trial also limits the number of Gaussians where more of them harm the views that it leaves out.
+    /// Ignored with [`Self::exactly`]. Default false. The settings of a training that has begun have the limit as
+    /// [`Self::gaussians`], and false here.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub limit_growth: bool,
     /// Number of steps over which learning rates decay; 0 for all of the run. The published
     /// settings decay over 30,000, also in shorter runs.
     pub decay_over: u32,
@@ -107,10 +119,10 @@ fn is_zero_count(value: &u32) -> bool {
 
 impl TrainSettings {
     /// Returns these settings with this largest number of Gaussians, which the points that training
-    /// starts from do not raise.
+    /// starts from do not raise, nor a trial limits.
     #[must_use]
     pub fn with_gaussians(self, gaussians: u32) -> Self {
-        Self { gaussians, gaussians_per_point: 0.0, ..self }
+        Self { gaussians, gaussians_per_point: 0.0, limit_growth: false, ..self }
     }
 
     /// Returns these settings with the largest number of Gaussians for a start from this many points
@@ -119,7 +131,7 @@ impl TrainSettings {
     pub(crate) fn for_points(self, points: usize) -> Self {
         let wanted = (f64::from(self.gaussians_per_point) * points as f64) as u32;
         let gaussians = wanted.clamp(self.gaussians, self.most_for_points());
-        self.with_gaussians(gaussians)
+        Self { gaussians, gaussians_per_point: 0.0, ..self }
     }
 
     /// Whether a start from enough points raises the largest number of Gaussians to this number
@@ -135,7 +147,6 @@ impl TrainSettings {
     /// Returns these settings for a run of another number of steps: rounds, resets, decay and SH degrees are at the same
     /// shares of the run, and what happens in rounds stays in rounds.
     #[must_use]
-    #[cfg(feature = "edit")]
     pub(crate) fn lasting(mut self, iterations: u32) -> Self {
         if iterations == self.iterations {
             return self;
@@ -155,7 +166,7 @@ impl TrainSettings {
             actions.reset.once_after = of_rounds(actions.reset.once_after);
             actions.prune.larger_after = scaled(actions.prune.larger_after);
         }
-        self.iterations = iterations;
+        (self.iterations, self.lengthen_to) = (iterations, 0);
         self
     }
 

@@ -15,6 +15,7 @@ use super::{
     poses::PosesReport,
     settings::TrainSettings,
     trainer::Trainer3d,
+    trial::TrialReport,
 };
 
 /// Difference in PSNR between training views and held-out views above which a scene is overfitted,
@@ -70,6 +71,9 @@ pub struct TrainSummary {
     /// Differences in exposure that the training found between its views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureReport>,
+    /// What a trial before the first step found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trial: Option<TrialReport>,
     /// Refinement of the training views' poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PosesReport>,
@@ -103,8 +107,9 @@ impl TrainSummary {
             evaluation,
             training: Some(training),
             exposure: trainer.exposure(),
+            trial: trainer.trial().copied(),
             poses: trainer.poses(),
-            settings: settings.clone(),
+            settings: trainer.settings_to_repeat().clone(),
         })
     }
 

@@ -16,6 +16,7 @@ use super::{
     exposure::{ExposureReport, Exposures},
     poses::{Poses, PosesReport},
     settings::TrainSettings,
+    trial::Trial,
     unseen::unseen,
 };
 use crate::views::{Images, Order, PosedView, STAND_INS, Views, images, possible, reduced_camera};
@@ -44,6 +45,8 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     compact: bool,
     pub(super) exposures: Exposures,
     poses: Poses,
+    /// What a trial before the run found.
+    pub(super) trial: Option<Trial>,
     /// Checksums of the views' images, those that are known.
     digests: Vec<OnceLock<u32>>,
 }
@@ -121,7 +124,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         let digests = (0..views.train.len() + views.test.len()).map(of_view).collect();
         let compact = memory::is_compact(pixels);
         let (order, ahead) = (Order::default(), (Order::default(), 0));
-        Self { views, extent, order, ahead, images, compact, exposures, poses, digests }
+        Self { views, extent, order, ahead, images, compact, exposures, poses, trial: None, digests }
     }
 
     /// The views.
@@ -255,7 +258,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let frame = (!frame.is_world()).then(|| (gs_io::FRAME_ENTRY, frame.to_toml()));
         let views = self.views.train.iter().chain(&self.views.test).enumerate();
         let digests = views.map(|(index, view)| self.digest(index, view)).collect::<Vec<_>>().join(" ");
-        let own = [self.exposures.to_metadata()?, self.poses.to_metadata()?, frame, Some((DIGESTS_ENTRY, digests))];
+        let trial = self.trial.as_ref().map(Trial::to_metadata).transpose()?;
+        let own =
+            [self.exposures.to_metadata()?, self.poses.to_metadata()?, trial, frame, Some((DIGESTS_ENTRY, digests))];
         Ok(own.into_iter().flatten().collect())
     }
 

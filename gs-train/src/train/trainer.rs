@@ -11,6 +11,7 @@ use super::{
     poses::{Poses, PosesReport},
     settings::TrainSettings,
     task::{ViewsTask, check_images, shown},
+    trial::{Trial, TrialReport, trial},
 };
 use crate::{
     error::Error,
@@ -38,7 +39,10 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let mut beginning = Beginning::new(views, start, settings)?;
         let Beginning { views, scene, extent, settings, .. } = &mut beginning;
         let poses = first_poses(rasterizer, views, (scene, *extent), settings).await?;
-        beginning.trainer(rasterizer, poses)
+        let trial = trial(rasterizer, views, scene, settings).await?;
+        let mut trainer = beginning.trainer(rasterizer, poses)?;
+        trainer.task.trial = trial;
+        Ok(trainer)
     }
 
     /// Changes the number of steps of this run to `iterations`, or one more than are done if it is less.
@@ -76,8 +80,9 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let poses = Poses::from_metadata(&checkpoint.metadata, &mut views.train)?;
         let task = ViewsTask::new(views, &digests, extent, (exposures, poses));
+        let trial = Trial::from_metadata(&checkpoint.metadata)?;
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
-        trainer.average = average;
+        (trainer.average, trainer.task.trial) = (average, trial);
         Ok(trainer)
     }
 
@@ -113,6 +118,18 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// are not refined or the run is too short for it ([`RefinePoses`](super::RefinePoses)).
     pub fn poses(&self) -> Option<PosesReport> {
         self.task.poses_report()
+    }
+
+    /// What a trial before the first step found; `None` for a run without a trial
+    /// ([`TrainSettings::has_trial`]), or whose trial was too short to decide anything.
+    pub fn trial(&self) -> Option<&TrialReport> {
+        self.task.trial.as_ref().map(|trial| &trial.report)
+    }
+
+    /// The settings with which another run with the same views, start and backend gives the same bits: [`Self::settings`]
+    /// before a trial changed them.
+    pub fn settings_to_repeat(&self) -> &TrainSettings {
+        self.task.trial.as_ref().map_or_else(|| self.settings(), |trial| &trial.given)
     }
 
     /// The views that [`Self::quality`] measures: at most [`Views::most_measured`] of

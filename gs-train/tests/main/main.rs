@@ -17,5 +17,6 @@ mod reduction;
 mod regularization;
 mod resume;
 mod train;
+mod trial;
 mod trouble;
 mod unseen;

@@ -112,7 +112,8 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians [default: that of the preset; standard: one for 160 pixels of the views, or
-    /// five for each initial point if that is more, but at most twice the former]
+    /// five for each initial point if that is more, but at most twice the former, and fewer if more
+    /// harm in a trial before the run]
     #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// End with exactly the number of Gaussians that --gaussians sets, under any policy
@@ -123,7 +124,8 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "M", value_parser = minutes, conflicts_with_all = ["preset", "settings", "iterations", "coarse"])]
     pub(crate) minutes: Option<f64>,
     /// Steps of the optimizer, one view each; the preset's schedules follow [default: 40 a
-    /// view, 2000 to 8000; quick: 2000, 3dgs and mcmc: 30000]
+    /// view, 2000 to 8000, and 4000 instead of fewer if a trial before the run shows that more gain;
+    /// quick: 2000, 3dgs and mcmc: 30000]
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
     /// Density control: which Gaussians grow and which are removed

@@ -21,7 +21,7 @@ use gs_io::{
 use gs_poses::is_video;
 use gs_train::{
     MetricsLog, TrainSettings, Trainer3d,
-    train::{RefinePoses, Start, Views},
+    train::{RefinePoses, Start, TrialReport, Views},
 };
 
 pub(crate) use self::{
@@ -166,14 +166,11 @@ impl TrainStart {
                 phases.end("points");
                 let (settings, log) = match limit {
                     Some(limit) => {
-                        let chosen = limit.choose(rasterizer, (dataset, &views), &initial, &settings)?;
+                        let (settings, log) = limit.choose(rasterizer, (dataset, &views), &initial, &settings)?;
                         phases.end("trial");
-                        chosen
+                        (settings, Some(log))
                     }
-                    None => {
-                        let log = MetricsLog::for_steps(settings.iterations);
-                        (*settings, log)
-                    }
+                    None => (*settings, None),
                 };
                 match settings.refine_poses {
                     _ if settings.iterations < RefinePoses::least_steps(views.train.len()) => {}
@@ -181,8 +178,18 @@ impl TrainStart {
                     RefinePoses::Auto => output::note("testing the camera poses on small images first"),
                     _ => {}
                 }
+                let may_lengthen = settings.lengthen_to > settings.iterations;
+                if settings.has_trial(views.train.len()) {
+                    output::note("trying on small images first whether more steps gain, and more Gaussians harm");
+                }
                 let trainer = Trainer3d::from_views(rasterizer, views, initial, settings);
-                Ok((trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?, log, description))
+                let trainer = trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?;
+                if may_lengthen {
+                    output::note(trial_line(&trainer));
+                    phases.end("trial");
+                }
+                let log = log.unwrap_or_else(|| MetricsLog::for_steps(trainer.iterations()));
+                Ok((trainer, log, description))
             }
             Self::Resumed(checkpoint, file) => {
                 let failed = |error| not_resumed(error, &file, dataset);
@@ -194,6 +201,24 @@ impl TrainStart {
             }
         }
     }
+}
+
+/// What a trial has decided, in words, or why there was none.
+fn trial_line(trainer: &Trainer3d<'_, AnyRasterizer>) -> String {
+    let steps = counted(trainer.iterations(), "step");
+    let Some(&TrialReport { left_out, seconds, gain_db, gaussians, .. }) = trainer.trial() else {
+        let views = counted(trainer.views().train.len(), "training view");
+        return format!("{steps}: with {views}, a trial cannot tell whether more would gain");
+    };
+    let longer = trainer.iterations() > trainer.settings_to_repeat().iterations;
+    let (only, left_out) = (if longer { "" } else { "only " }, counted(left_out, "view"));
+    let limit = gaussians.map_or_else(String::new, |gaussians| {
+        format!("; at most {}, because more of them harm these views", counted(gaussians, "Gaussian"))
+    });
+    format!(
+        "after a trial of {seconds:.1} s, {steps}, because {left_out} that it left out gained {only}{gain_db:.2} dB in \
+         its last third{limit}"
+    )
 }
 
 /// Fails where there is not enough memory for the views and the initial Gaussians. Prints a note if

@@ -221,7 +221,7 @@ impl Results<'_> {
             self.write_scene(&scene, &trainer.shown(), trainer.views().frame),
             write_table(&self.run.folder, log),
             trainer
-                .settings()
+                .settings_to_repeat()
                 .to_toml()
                 .map_err(Failure::failed)
                 .and_then(|text| self.run.folder.write("settings.toml", &text)),

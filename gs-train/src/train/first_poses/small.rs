@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gs_core::{Camera, Optimizer, Scene as _, Scene3d};
+use gs_core::{Camera, Optimizer, Scene3d};
 use gs_density::Policy;
 use rayon::prelude::*;
 
@@ -14,6 +14,7 @@ use crate::{
         poses::{Motion, Poses, RefinePoses, align},
         presets::TrainPreset,
         settings::TrainSettings,
+        thinned::thinned,
     },
     views::{PosedView, Resolution, Views, reduced, reduced_camera},
 };
@@ -49,7 +50,7 @@ impl Small {
         let views: Vec<_> = views.par_iter().map(small).collect();
         // The first error, whichever thread was faster.
         let views = views.into_iter().collect::<Result<_, _>>()?;
-        Ok(Self { views, scene: thinned(scene) })
+        Ok(Self { views, scene: thinned(scene, MOST_GAUSSIANS, 0).0 })
     }
 
     /// Settings for a training of this many steps. They are the same for all presets, except for how pixels look.
@@ -93,14 +94,6 @@ pub(super) fn share_of<'a>(share: f64, iterations: u32, cameras: impl Iterator<I
         [all + pixels(camera), small + pixels(&reduced_camera(camera, factor(camera)))]
     });
     (share * f64::from(iterations) * all / small) as u32
-}
-
-/// At most [`MOST_GAUSSIANS`] of a scene, evenly drawn, and larger where that leaves gaps.
-fn thinned(scene: &Scene3d) -> Scene3d {
-    let every = scene.len().div_ceil(MOST_GAUSSIANS).max(1);
-    let mut thin: Scene3d = (0..scene.len()).step_by(every).map(|index| scene.gaussian(index).with_degree(0)).collect();
-    thin.log_scales.iter_mut().for_each(|scale| *scale += (every as f32).ln() / 3.0);
-    thin
 }
 
 /// The divisor of a view's sides.
