@@ -158,18 +158,22 @@ fn chunks_may_be_in_files_of_their_own() {
     let place = bytes.windows(4).position(|part| part == b"RADC").unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.rad");
-    let head = |name: &str| {
-        let ranges = [json!({ "offset": 0, "bytes": bytes.len() - place, "filename": name })];
+    let heads = |names: &[&str]| {
+        let range = |name: &&str| json!({ "offset": 0, "bytes": bytes.len() - place, "filename": name });
+        let ranges: Vec<_> = names.iter().map(range).collect();
         let all = rad(2, &[], json!({ "chunks": ranges, "maxSh": 1 }), json!({}));
         let end = all.windows(4).position(|part| part == b"RADC").unwrap();
         fs::write(&path, &all[..end]).unwrap();
         read_3d(&path)
     };
+    let head = |name: &str| heads(&[name]);
     assert!(matches!(head("a-0.radc"), Err(Error::Missing { path }) if path.ends_with("a-0.radc")));
     fs::write(folder.path().join("a-0.radc"), &bytes[place..]).unwrap();
     let file = head("a-0.radc").unwrap();
     assert_eq!((file.scene.len(), file.beside.len()), (2, 1));
     assert!(file.bytes > (bytes.len() - place) as u64);
+    let twice = heads(&["a-0.radc"; 2]).map(drop).unwrap_err().to_string();
+    assert!(twice.contains("another file for each chunk"), "{twice}");
     for name in ["../a-0.radc", "/etc/hostname", ""] {
         let text = head(name).map(drop).unwrap_err().to_string();
         assert!(text.contains("names of chunks below its folder"), "{text}");

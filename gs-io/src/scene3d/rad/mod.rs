@@ -96,7 +96,9 @@ pub(super) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
             Some(name) if stays_inside(name) => {
                 let path = source.path.with_file_name(name);
                 let bytes = source.read_beside(&path, "a chunk of a RAD file")?;
-                beside.insert(path.clone(), bytes.len() as u64);
+                if beside.insert(path.clone(), bytes.len() as u64).is_some() {
+                    return Err(source.damaged(8, "another file for each chunk", format!("{name:?} twice")));
+                }
                 (Cow::Owned(path), Cow::Owned(bytes), 0)
             }
             Some(name) => {
