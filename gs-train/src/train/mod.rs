@@ -11,12 +11,10 @@ mod exposure;
 mod first_poses;
 mod poses;
 mod presets;
-mod ranks;
 mod rendered_depths;
 mod settings;
 mod summary;
 mod task;
-mod thinned;
 mod trainer;
 mod trial;
 mod unseen;
@@ -33,7 +31,7 @@ pub use self::{
     settings::TrainSettings,
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
-    trial::TrialReport,
+    trial::report::TrialReport,
 };
 #[cfg(feature = "edit")]
 pub(crate) use self::{

@@ -15,7 +15,7 @@ use super::{
     poses::PosesReport,
     settings::TrainSettings,
     trainer::Trainer3d,
-    trial::TrialReport,
+    trial::report::TrialReport,
 };
 
 /// Difference in PSNR between training views and held-out views above which a scene is overfitted,

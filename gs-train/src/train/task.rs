@@ -16,7 +16,7 @@ use super::{
     exposure::{ExposureReport, Exposures},
     poses::{Poses, PosesReport},
     settings::TrainSettings,
-    trial::Trial,
+    trial::report::Trial,
     unseen::unseen,
 };
 use crate::views::{Images, Order, PosedView, STAND_INS, Views, images, possible, reduced_camera};

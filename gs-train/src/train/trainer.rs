@@ -11,7 +11,10 @@ use super::{
     poses::{Poses, PosesReport},
     settings::TrainSettings,
     task::{ViewsTask, check_images, shown},
-    trial::{Trial, TrialReport, trial},
+    trial::{
+        report::{Trial, TrialReport},
+        trial,
+    },
 };
 use crate::{
     error::Error,

@@ -14,7 +14,7 @@ use crate::{
         poses::{Motion, Poses, RefinePoses, align},
         presets::TrainPreset,
         settings::TrainSettings,
-        thinned::thinned,
+        trial::thinned::thinned,
     },
     views::{PosedView, Resolution, Views, reduced, reduced_camera},
 };

@@ -18,8 +18,8 @@ use crate::{
             Poses, RefinePoses,
             align::{self, Half},
         },
-        ranks::are_above,
         settings::TrainSettings,
+        trial::ranks::are_above,
     },
     views::Views,
 };

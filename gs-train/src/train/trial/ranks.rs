@@ -4,7 +4,7 @@
 /// the sum expected by chance, so that a single value far off does not outweigh many. Never by one value alone.
 ///
 /// *Source:* Wilcoxon 1945, *Individual Comparisons by Ranking Methods*.
-pub(super) fn are_above(values: &[f64], least: f64) -> bool {
+pub(in crate::train) fn are_above(values: &[f64], least: f64) -> bool {
     let mut differences: Vec<f64> = values.iter().map(|value| value - least).collect();
     differences.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
     let above = (1..).zip(&differences).filter(|(_, by)| **by > 0.0).map(|(rank, _)| f64::from(rank)).sum::<f64>();

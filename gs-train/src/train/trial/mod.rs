@@ -4,25 +4,29 @@
 //! of density control. Where they still gain at its end, a longer run will gain, too. Where they lose while the number
 //! of Gaussians grows, more Gaussians harm. The scene of the trial is discarded, and the run uses all of its views.
 
-use std::collections::BTreeMap;
+pub(super) mod ranks;
+pub(super) mod report;
+pub(super) mod thinned;
 
 use gs_core::{Optimizer, Scene3d, metrics::mean};
-use serde::{Deserialize, Serialize};
 use web_time::Instant;
 
+use self::{
+    ranks::are_above,
+    report::{Trial, TrialReport},
+    thinned::thinned,
+};
 use super::{
     beginning::Beginning,
     evaluation::measure,
     exposure::Exposure,
     poses::{Poses, RefinePoses},
-    ranks::are_above,
     settings::TrainSettings,
-    thinned::thinned,
     trainer::Trainer3d,
 };
 use crate::{
     error::Error,
-    run::{Recovery, table, to_table},
+    run::Recovery,
     start::Start,
     views::{PosedView, Resolution, Views, images, possible, reduced_camera},
 };
@@ -63,29 +67,6 @@ const HARM_DB: f64 = 0.5;
 /// Least number of views left out that can show that growth harms: one or two lose by chance.
 const LEAST_HARMED: usize = 5;
 
-/// Key in the metadata of checkpoints.
-const KEY: &str = "trial";
-
-/// What a trial found before the run, and what was decided by it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct TrialReport {
-    /// Number of steps of the trial.
-    pub steps: u32,
-    /// Number of training views that it left out.
-    pub left_out: usize,
-    /// Time that it took, s.
-    pub seconds: f64,
-    /// PSNR of the views left out in the last third of its measurements above that before, each the best one, dB.
-    pub gain_db: f64,
-    /// Number of steps of the run that was decided.
-    pub iterations: u32,
-    /// Number of Gaussians to which the run is limited, where more harm: that with the best measurement.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gaussians: Option<u32>,
-}
-
 /// The scene on the views left out, before a round of density control.
 #[derive(Debug, Clone)]
 struct Measured {
@@ -99,15 +80,6 @@ impl TrainSettings {
     pub fn has_trial(&self, views: usize) -> bool {
         self.lengthen_to > self.iterations && views >= LEAST_VIEWS && self.fixed == 0
     }
-}
-
-/// A trial that has been made.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub(super) struct Trial {
-    pub(super) report: TrialReport,
-    /// The settings of the run before the trial changed them: with these, the run is repeated.
-    pub(super) given: TrainSettings,
 }
 
 /// The trial of a run that begins with this scene, whose settings are then those that it decided; `None` for a run
@@ -225,24 +197,6 @@ fn best_number(measured: &[Measured]) -> Option<u32> {
     let lost: Vec<f64> = lost.collect();
     let harms = lost.len() >= LEAST_HARMED && mean(&lost) >= HARM_DB && are_above(&lost, HARM_DB);
     (harms && recent[0].gaussians > best.gaussians).then_some(best.gaussians)
-}
-
-impl Trial {
-    /// That of a checkpoint with this metadata, if any.
-    ///
-    /// # Errors
-    /// [`Error::Checkpoint`] where it cannot be read.
-    pub(super) fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Option<Self>, Error> {
-        metadata.contains_key(KEY).then(|| table(metadata, KEY)).transpose()
-    }
-
-    /// The metadata for a checkpoint.
-    ///
-    /// # Errors
-    /// [`Error::Checkpoint`] where TOML has no form for it.
-    pub(super) fn to_metadata(&self) -> Result<(&'static str, String), Error> {
-        Ok((KEY, to_table(KEY, self)?))
-    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use gs_core::{Scene as _, Scene3d};
 
 /// About `most` Gaussians of a scene, evenly drawn, with this SH degree at most, and larger where that leaves gaps. Also
 /// returns of how many of the scene's each of them is one.
-pub(super) fn thinned(scene: &Scene3d, most: usize, sh_degree: u8) -> (Scene3d, usize) {
+pub(in crate::train) fn thinned(scene: &Scene3d, most: usize, sh_degree: u8) -> (Scene3d, usize) {
     let every = scene.len().div_ceil(most).max(1);
     let degree = sh_degree.min(scene.sh_degree);
     let mut thin: Scene3d =
