@@ -303,7 +303,7 @@ fn unwritable_scenes_are_refused_and_leave_no_file() {
     };
     let (good, options) = (scene(3, 0), WriteOptions3d::default());
     for name in ["a.txt", "a", "a.compressed.ply", "ply"] {
-        assert!(write(name, &good, &options).contains("use .ply, .spz, .sog, .glb, .gltf or .splat"), "{name}");
+        assert!(write(name, &good, &options).contains("use .ply, .spz, .sog, .rad, .glb, .gltf or .splat"), "{name}");
     }
     let mut degenerate = good.clone();
     degenerate.rotations[2] = [0.0; 4];
