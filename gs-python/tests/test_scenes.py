@@ -100,7 +100,8 @@ def test_2d_files(scene_2d: gs.Scene2d, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["scene.ply", "scene.spz", "scene.glb", "scene.splat", "scene.sog", "scene.rad", "meta.json"]
+    "name",
+    ["scene.ply", "scene.spz", "scene.glb", "scene.splat", "scene.sog", "scene.rad", "meta.json"],
 )
 def test_3d_files(scene_3d: gs.Scene3d, tmp_path: Path, name: str) -> None:
     file = tmp_path / name

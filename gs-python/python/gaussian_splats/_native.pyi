@@ -607,8 +607,8 @@ class Training:
 class TrainRun:
     """A training under way; see :class:`FitRun` and :func:`gaussian_splats.train`.
 
-    Without ``iterations``, a trial may lengthen it beyond its length: ``Progress.iterations`` has the
-    number that was decided.
+    Without ``iterations``, a trial may lengthen it beyond its length: ``Progress.iterations`` has
+    the number that was decided.
     """
 
     def __new__(
