@@ -294,3 +294,32 @@ def test_a_resumed_training(dataset: Path, cpu: gs.Backend, tmp_path: Path) -> N
     with pytest.raises(RuntimeError, match="stopped"):
         run.result()
     assert len(gs.train(dataset, checkpoint=checkpoint, **options).scene) > 0
+
+
+@pytest.mark.parametrize("start", ["random", "scene"])
+def test_a_resumed_training_whose_numbers_are_decided_at_its_start(
+    dataset: Path, cpu: gs.Backend, tmp_path: Path, start: str
+) -> None:
+    checkpoint = tmp_path / "checkpoint.safetensors"
+    changes: Any = {"iterations": 60, "lengthen-to": 120, "decide-gaussians": True}
+    first: Any = start
+    if start == "scene":
+        short: Any = {"iterations": 5, "start": "random"}
+        first = gs.train(dataset, 200, backend=cpu, **short).scene
+    options: Any = {"settings": changes, "start": first, "backend": cpu}
+    run = gs.TrainRun(dataset, checkpoint=checkpoint, **options)
+    next(run)
+    run.stop()
+    with pytest.raises(RuntimeError, match="stopped"):
+        run.result()
+    resumed = gs.train(dataset, checkpoint=checkpoint, **options)
+    whole = gs.train(dataset, **options)
+    assert ("trial" in whole.summary) == (start == "random")
+    assert np.array_equal(resumed.scene.means, whole.scene.means)
+
+
+def test_a_number_of_steps_in_settings_is_not_lengthened(dataset: Path, cpu: gs.Backend) -> None:
+    options: Any = {"settings": {"iterations": 30}, "start": "random", "backend": cpu}
+    summary = gs.train(dataset, 200, **options).summary
+    assert "trial" not in summary
+    assert summary["settings"]["iterations"] == 30

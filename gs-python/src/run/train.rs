@@ -78,14 +78,8 @@ impl TrainRun {
                 let mut trainer = match start.checkpoint {
                     Some(checkpoint) => {
                         let trainer = Trainer3d::resume_views(rasterizer, views, checkpoint)?;
-                        // The extent is measured when a training begins, and the points of its start
-                        // may raise the number of Gaussians.
-                        let (mut wanted, held) = (train, trainer.settings_to_repeat());
-                        wanted.extent = wanted.extent.or(held.extent);
-                        if wanted.may_be_raised_to(held.gaussians) {
-                            wanted = wanted.with_gaussians(held.gaussians);
-                        }
-                        check_settings(held, &wanted)?;
+                        let held = trainer.settings_to_repeat();
+                        check_settings(held, &train.begun_as(held, &initial))?;
                         trainer
                     }
                     None => block_on(Trainer3d::from_views(rasterizer, views, initial, train))?,
@@ -188,6 +182,10 @@ fn wanted(
         if has("gaussians")? && !has("gaussians-per-point")? {
             let gaussians = train.gaussians;
             train = train.with_gaussians(gaussians);
+        }
+        // Nor does a trial lengthen such a run.
+        if has("iterations")? && !has("lengthen-to")? {
+            train.lengthen_to = 0;
         }
     }
     train.validate().map_err(IntoPython::into_python)?;

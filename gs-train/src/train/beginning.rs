@@ -47,8 +47,8 @@ impl Beginning {
             let allowed = "off with 360° images or wide fish-eyes, whose views share a camera";
             return Err(gs_core::Error::setting("refine-poses", settings.refine_poses, allowed).into());
         }
-        if matches!(start, Start::Scene(_)) {
-            (settings.remove_unseen, settings.lengthen_to) = (false, 0);
+        if let Start::Scene(scene) = &start {
+            settings = settings.for_scene(scene.len());
         }
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         if settings.fixed > 0 && !matches!(start, Start::Scene(_)) {

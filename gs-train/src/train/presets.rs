@@ -50,7 +50,7 @@ const STANDARD_ITERATIONS: u32 = 4_000;
 const STEPS_PER_VIEW: usize = 40;
 const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
 
-/// Steps of a run of minutes with few views, if a trial shows that more steps gain.
+/// Steps of a run of minutes with few views, if a trial shows that a longer run gains.
 const LENGTHENED: u32 = 4_000;
 
 /// Pixels of training views for each Gaussian of a run of minutes: 480 values for 59 numbers. With
@@ -102,7 +102,7 @@ impl TrainPreset {
     /// The views determine the steps and the largest number of Gaussians of [`Self::Standard`]: 40
     /// steps a view, 2,000 to 8,000 in all, and a Gaussian for 160 pixels, 20,000 to 1,000,000 in
     /// all. Where `iterations` is `None` and that is less than 4,000 steps, a trial before the run
-    /// decides whether it has 4,000, and whether it needs fewer Gaussians
+    /// decides whether it has 4,000 and twice the Gaussians, and whether more Gaussians harm
     /// ([`TrainSettings::lengthen_to`]). Its [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
     ///
     /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets. A pixel
@@ -135,7 +135,12 @@ fn standard_for<'a>(iterations: Option<u32>, cameras: impl IntoIterator<Item = &
     let gaussians = (pixels.iter().sum::<u64>() / PIXELS_PER_GAUSSIAN).clamp(least, most) as u32;
     let undecided = iterations.is_none() && steps < LENGTHENED;
     let usual = standard(iterations.unwrap_or(steps));
-    TrainSettings { gaussians, lengthen_to: if undecided { LENGTHENED } else { 0 }, limit_growth: undecided, ..usual }
+    TrainSettings {
+        gaussians,
+        lengthen_to: if undecided { LENGTHENED } else { 0 },
+        decide_gaussians: undecided,
+        ..usual
+    }
 }
 
 impl Default for TrainSettings {
@@ -167,7 +172,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         exactly: false,
         iterations,
         lengthen_to: 0,
-        limit_growth: false,
+        decide_gaussians: false,
         decay_over: if iterations < SHORTEST_AS_PUBLISHED { 0 } else { ITERATIONS },
         seed: 0,
         extent: None,
@@ -306,7 +311,7 @@ mod tests {
         let undecided = |views: usize, steps: Option<u32>| {
             let cameras = vec![Camera::looking_forward(80, 60, 1.0); views];
             let settings = TrainPreset::Standard.settings_for(steps, DatasetKind::Colmap, &cameras);
-            (settings.lengthen_to, settings.limit_growth)
+            (settings.lengthen_to, settings.decide_gaussians)
         };
         assert_eq!(undecided(99, None), (4_000, true));
         assert_eq!([undecided(99, Some(300)), undecided(100, None)], [(0, false); 2]);

@@ -1,8 +1,8 @@
 //! Settings of a 3D training: everything that it depends on besides its views and the backend.
 
 use gs_core::{
-    Adam, AdamRates, Dropout, Effects, Error, Loss, Output, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
-    math::random_words,
+    Adam, AdamRates, Dropout, Effects, Error, Loss, Output, RenderSettings, Scene as _, Scene3d,
+    constants::MAX_GAUSSIANS, math::random_words,
 };
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{exposure::Exposure, poses::RefinePoses};
 use crate::run::{Recovery, Rounds, RunSettings, in_a_file, same_settings};
 use crate::{
-    start::{PointInit, is_zero},
+    start::{PointInit, Start, is_zero},
     views::Resolution,
 };
 
@@ -51,11 +51,12 @@ pub struct TrainSettings {
     /// have the decided number of steps, and 0 here.
     #[serde(skip_serializing_if = "is_zero_count")]
     pub lengthen_to: u32,
-    /// Whether the trial also limits the number of Gaussians where more of them harm the views that it leaves out.
-    /// Ignored with [`Self::exactly`]. Default false. The settings of a training that has begun have the limit as
+    /// Whether the trial also decides the largest number of Gaussians: the one that was best where more of them harm the
+    /// views that it leaves out, and otherwise twice [`Self::gaussians`] where the run is lengthened. Ignored with
+    /// [`Self::exactly`]. Default false. The settings of a training that has begun have the decided number as
     /// [`Self::gaussians`], and false here.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub limit_growth: bool,
+    pub decide_gaussians: bool,
     /// Number of steps over which learning rates decay; 0 for all of the run. The published
     /// settings decay over 30,000, also in shorter runs.
     pub decay_over: u32,
@@ -119,10 +120,10 @@ fn is_zero_count(value: &u32) -> bool {
 
 impl TrainSettings {
     /// Returns these settings with this largest number of Gaussians, which the points that training
-    /// starts from do not raise, nor a trial limits.
+    /// starts from do not raise, nor a trial changes.
     #[must_use]
     pub fn with_gaussians(self, gaussians: u32) -> Self {
-        Self { gaussians, gaussians_per_point: 0.0, limit_growth: false, ..self }
+        Self { gaussians, gaussians_per_point: 0.0, decide_gaussians: false, ..self }
     }
 
     /// Returns these settings with the largest number of Gaussians for a start from this many points
@@ -134,10 +135,34 @@ impl TrainSettings {
         Self { gaussians, gaussians_per_point: 0.0, ..self }
     }
 
-    /// Whether a start from enough points raises the largest number of Gaussians to this number
+    /// Returns these settings for a start from a scene of this many Gaussians: all of them may be needed, there is no
+    /// trial, and there is room for them unless the largest number is one that points would not raise either
     /// ([`Self::gaussians_per_point`]).
-    pub fn may_be_raised_to(&self, gaussians: u32) -> bool {
-        self.gaussians_per_point > 0.0 && (self.gaussians..=self.most_for_points()).contains(&gaussians)
+    #[must_use]
+    pub(crate) fn for_scene(self, gaussians: usize) -> Self {
+        let raised = u32::try_from(gaussians).unwrap_or(u32::MAX).clamp(self.gaussians, MAX_GAUSSIANS);
+        let gaussians = if self.gaussians_per_point > 0.0 { raised } else { self.gaussians };
+        Self { gaussians, remove_unseen: false, lengthen_to: 0, decide_gaussians: false, ..self }
+    }
+
+    /// Returns these settings as those of a training that has begun with them, if `held` are its
+    /// [settings](super::Trainer3d::settings_to_repeat): with what its start has measured, raised or left out. If `held`
+    /// differ from what is returned, the training began with other settings.
+    #[must_use]
+    pub fn begun_as(self, held: &Self, start: &Start) -> Self {
+        let mut begun = match start {
+            Start::Scene(scene) => self.for_scene(scene.len()),
+            _ => self,
+        };
+        begun.extent = begun.extent.or(held.extent);
+        if begun.gaussians_per_point > 0.0 && (begun.gaussians..=begun.most_for_points()).contains(&held.gaussians) {
+            (begun.gaussians, begun.gaussians_per_point) = (held.gaussians, 0.0);
+        }
+        // Too few views, or too short a run, to decide anything.
+        if held.lengthen_to == 0 {
+            (begun.lengthen_to, begun.decide_gaussians) = (0, false);
+        }
+        begun
     }
 
     fn most_for_points(&self) -> u32 {
@@ -367,10 +392,22 @@ mod tests {
         let raised = [0, 25, 30, 50, 1_000].map(|points| settings.clone().for_points(points).gaussians);
         assert_eq!(raised, [100, 100, 120, 200, 200]);
         assert_eq!(settings.clone().for_points(30), settings.clone().with_gaussians(120));
-        let possible = [99, 100, 200, 201].map(|gaussians| settings.may_be_raised_to(gaussians));
-        assert_eq!(possible, [false, true, true, false]);
-        assert!(!settings.clone().with_gaussians(70).may_be_raised_to(70));
         assert_eq!(settings.with_gaussians(70).for_points(1_000).gaussians, 70);
+    }
+
+    #[test]
+    fn a_resumed_training_allows_only_what_its_start_may_have_changed() {
+        let mut wanted = TrainSettings { gaussians: 100, gaussians_per_point: 4.0, ..TrainSettings::default() };
+        (wanted.lengthen_to, wanted.decide_gaussians) = (wanted.iterations + 1, true);
+        let held = |gaussians: u32| {
+            let extent = Some(7.0);
+            TrainSettings { gaussians, gaussians_per_point: 0.0, extent, ..wanted.clone() }
+        };
+        let allowed = [99, 100, 200, 201].map(|n| wanted.clone().begun_as(&held(n), &Start::Random) == held(n));
+        assert_eq!(allowed, [false, true, true, false]);
+        let without_trial = TrainSettings { lengthen_to: 0, decide_gaussians: false, ..held(100) };
+        assert_eq!(wanted.clone().begun_as(&without_trial, &Start::Random), without_trial);
+        assert_ne!(wanted.clone().with_gaussians(70).begun_as(&held(100), &Start::Random), held(100));
     }
 
     #[test]

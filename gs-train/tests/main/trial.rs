@@ -8,13 +8,13 @@ use gs_train::{
 };
 use pollster::FutureExt as _;
 
-use crate::fixture_3d::{rasterizer, short, views};
+use crate::fixture_3d::{rasterizer, short, thirty, views};
 
 /// Settings of a run that a trial may make four times as long.
 fn undecided() -> TrainSettings {
     short(100).with(|s| {
         s.lengthen_to = 400;
-        s.limit_growth = true;
+        s.decide_gaussians = true;
         s.rounds.every = 5;
     })
 }
@@ -33,12 +33,15 @@ fn a_run_whose_trial_still_gains_is_lengthened_and_can_be_repeated() {
     let cpu = rasterizer();
     let trainer = begun(&cpu, views(&cpu), undecided());
     let report = *trainer.trial().expect("there are enough rounds to tell");
+    let gaussians = undecided().gaussians;
     assert_eq!((report.steps, report.left_out, report.iterations), (40, 2, 400));
     assert!(report.gain_db > 0.2 && report.gain_db < 20.0, "{} dB", report.gain_db);
     let (decided, repeated) = (trainer.settings().clone(), trainer.settings_to_repeat().clone());
-    assert_eq!((decided.iterations, decided.lengthen_to, decided.limit_growth), (400, 0, false));
+    assert_eq!((decided.iterations, decided.lengthen_to, decided.decide_gaussians), (400, 0, false));
+    assert_eq!((report.gaussians, decided.gaussians), (Some(2 * gaussians), 2 * gaussians), "no harm, and longer");
     assert_eq!((decided.rounds.every, decided.rounds.until), (20, 200));
-    assert_eq!((repeated.iterations, repeated.lengthen_to, repeated.limit_growth), (100, 400, true));
+    assert_eq!((repeated.iterations, repeated.lengthen_to, repeated.decide_gaussians), (100, 400, true));
+    assert_eq!(repeated.gaussians, gaussians);
     // The trial changes nothing but these numbers.
     let scene = end(trainer);
     assert_eq!(scene, end(begun(&cpu, views(&cpu), decided)));
@@ -72,4 +75,23 @@ fn runs_that_cannot_tell_keep_their_numbers() {
     assert_eq!(with(&|s| s.rounds.every = 30, 12), (false, 100, 0), "one measurement");
     assert_eq!(with(&|s| s.lengthen_to = 100, 12), (false, 100, 0), "no longer run to decide about");
     assert_eq!(with(&|_| {}, 12), (true, 400, 0));
+    let trainer = begun(&cpu, views(&cpu), undecided().with(|s| s.decide_gaussians = false));
+    assert_eq!((trainer.iterations(), trainer.settings().gaussians), (400, undecided().gaussians), "steps alone");
+    assert_eq!(trainer.trial().unwrap().gaussians, None);
+}
+
+#[test]
+fn a_run_from_a_larger_scene_makes_room_for_it_unless_its_number_was_set() {
+    let cpu = rasterizer();
+    let begun =
+        |settings: TrainSettings| Trainer3d::from_views(&cpu, views(&cpu), Start::Scene(thirty()), settings).block_on();
+    let settings = undecided().with(|s| {
+        s.gaussians = 20;
+        s.gaussians_per_point = 5.0;
+    });
+    let trainer = begun(settings.clone()).expect("there is room for the scene");
+    assert_eq!((trainer.settings().gaussians, trainer.iterations()), (30, 100));
+    assert!(trainer.trial().is_none(), "a scene has had its steps");
+    let refused = begun(settings.with_gaussians(20)).expect_err("20 were set");
+    assert!(refused.to_string().contains("at most the number of Gaussians allowed"), "{refused}");
 }

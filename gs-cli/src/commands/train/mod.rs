@@ -180,7 +180,7 @@ impl TrainStart {
                 }
                 let may_lengthen = settings.lengthen_to > settings.iterations;
                 if settings.has_trial(views.train.len()) {
-                    output::note("trying on small images first whether more steps gain, and more Gaussians harm");
+                    output::note("trying on small images first whether a longer run gains, and more Gaussians harm");
                 }
                 let trainer = Trainer3d::from_views(rasterizer, views, initial, settings);
                 let trainer = trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?;
@@ -210,14 +210,18 @@ fn trial_line(trainer: &Trainer3d<'_, AnyRasterizer>) -> String {
         let views = counted(trainer.views().train.len(), "training view");
         return format!("{steps}: with {views}, a trial cannot tell whether more would gain");
     };
-    let longer = trainer.iterations() > trainer.settings_to_repeat().iterations;
+    let before = trainer.settings_to_repeat();
+    let longer = trainer.iterations() > before.iterations;
     let (only, left_out) = (if longer { "" } else { "only " }, counted(left_out, "view"));
-    let limit = gaussians.map_or_else(String::new, |gaussians| {
-        format!("; at most {}, because more of them harm these views", counted(gaussians, "Gaussian"))
-    });
+    let most = gaussians.map(|most| (format!("at most {}", counted(most, "Gaussian")), most > before.gaussians));
+    let (more, fewer) = match most {
+        Some((most, true)) => (format!(" and {most}"), String::new()),
+        Some((most, false)) => (String::new(), format!("; {most}, because more of them harm these views")),
+        None => Default::default(),
+    };
     format!(
-        "after a trial of {seconds:.1} s, {steps}, because {left_out} that it left out gained {only}{gain_db:.2} dB in \
-         its last third{limit}"
+        "after a trial of {seconds:.1} s, {steps}{more}, because {left_out} that it left out gained {only}{gain_db:.2} \
+         dB in its last third{fewer}"
     )
 }
 

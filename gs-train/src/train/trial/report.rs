@@ -28,7 +28,8 @@ pub struct TrialReport {
     pub gain_db: f64,
     /// Number of steps of the run that was decided.
     pub iterations: u32,
-    /// Number of Gaussians to which the run is limited, where more harm: that with the best measurement.
+    /// Largest number of Gaussians of the run, where the trial decided it: that with the best measurement where more
+    /// harm, and otherwise twice the number before where the run is lengthened.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians: Option<u32>,
 }
