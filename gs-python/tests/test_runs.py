@@ -301,12 +301,12 @@ def test_a_resumed_training_whose_numbers_are_decided_at_its_start(
     dataset: Path, cpu: gs.Backend, tmp_path: Path, start: str
 ) -> None:
     checkpoint = tmp_path / "checkpoint.safetensors"
-    changes: Any = {"iterations": 60, "lengthen-to": 120, "decide-gaussians": True}
+    changes: Any = {"lengthen-to": 120, "decide-gaussians": True}
     first: Any = start
     if start == "scene":
         short: Any = {"iterations": 5, "start": "random"}
         first = gs.train(dataset, 200, backend=cpu, **short).scene
-    options: Any = {"settings": changes, "start": first, "backend": cpu}
+    options: Any = {"iterations": 60, "settings": changes, "start": first, "backend": cpu}
     run = gs.TrainRun(dataset, checkpoint=checkpoint, **options)
     next(run)
     run.stop()
