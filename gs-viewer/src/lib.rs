@@ -5,7 +5,7 @@
 //! with keys. [`KEYS`] lists them.
 //!
 //! Of a scene with levels of detail ([`Levels`]), a thread reads what the camera needs, coarse levels
-//! first, while frames show what is there.
+//! first, while frames show what is there. Levels that change fade over a quarter of a second.
 //!
 //! Slow frames are rendered in fewer pixels while the picture moves. A text over the picture shows
 //! the time per frame, the effects, and the keys.
@@ -106,7 +106,8 @@ pub enum Viewed<'a> {
 pub struct Levels<'a> {
     /// The file.
     pub file: &'a StreamedSog,
-    /// Most Gaussians that are drawn, at least 1; the coarsest levels may have more.
+    /// Most Gaussians that are drawn, at least 1; the coarsest levels may have more, and up to twice as many are drawn
+    /// while levels change.
     pub budget: usize,
 }
 

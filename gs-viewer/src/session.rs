@@ -23,7 +23,7 @@ const REST_AFTER: Duration = Duration::from_millis(150);
 const SHORTEST_FRAME: Duration = Duration::from_millis(8);
 
 /// Time between frames of the same view while finer levels of the scene are being read.
-const FINER_AFTER: Duration = Duration::from_millis(100);
+const FINER_AFTER: Duration = Duration::from_millis(33);
 
 /// The time of motion before the first frame.
 const FIRST_STEP: Duration = Duration::from_millis(16);

@@ -121,7 +121,8 @@ mod window {
             // Finer levels may vary more with the direction than the coarsest do.
             chosen.effects.sh_degree = settings.effects.sh_degree;
         }
-        let viewed = Viewed::ThreeD { scene, camera, target, up, levels: lod.map(Lod::levels) };
+        let levels = lod.map(Lod::levels).map(|(file, budget)| gs_viewer::Levels { file, budget });
+        let viewed = Viewed::ThreeD { scene, camera, target, up, levels };
         view(viewed, &backend.rasterizer, Options::new(name(args), size, chosen)).map_err(failure)?;
         args.render.note_guess(file);
         Ok(())

@@ -40,10 +40,14 @@ impl Lod {
         }
     }
 
-    /// What the window reads while its camera moves.
-    #[cfg(feature = "viewer")]
-    pub(crate) fn levels(&self) -> gs_viewer::Levels<'_> {
-        gs_viewer::Levels { file: &self.file, budget: self.budget }
+    /// The file, and the most Gaussians that are drawn.
+    pub(crate) fn levels(&self) -> (&StreamedSog, usize) {
+        (&self.file, self.budget)
+    }
+
+    /// Number of the Gaussians of the finest levels.
+    pub(crate) fn finest(&self) -> usize {
+        self.file.counts().first().copied().unwrap_or(0)
     }
 
     /// The coarsest levels, which show where the scene is.
@@ -55,7 +59,7 @@ impl Lod {
     pub(crate) fn read(&self, cameras: &[Camera]) -> Result<File3d, Failure> {
         let LodCut { levels, error_px, .. } = self.cut(cameras)?;
         let file = self.file.read(&levels).map_err(Failure::of_scene)?;
-        let (drawn, all) = (file.scene.len(), self.file.counts().first().copied().unwrap_or(0));
+        let (drawn, all) = (file.scene.len(), self.finest());
         output::note(format_args!(
             "drawing {drawn} Gaussians in place of {all}, with an error of up to {error_px:.2} px"
         ));

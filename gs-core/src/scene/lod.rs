@@ -35,6 +35,11 @@ impl Bounds {
         (self.min - point).max(point - self.max).max(Vec3::ZERO).length()
     }
 
+    /// Whether a camera may see something of the box.
+    pub fn is_in_sight(&self, camera: &Camera) -> bool {
+        px_per_world(camera, self) > 0.0
+    }
+
     fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|k| {
             let pick = |axis: usize| if k >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };

@@ -6,7 +6,7 @@
 //! - [`effect_prices`]: which effects a scene requires, and what each costs and changes;
 //!   [`training_prices`] asks that of corrections in a training.
 //! - [`Search`]: what each setting costs in time and error, on every machine.
-//! - [`popping_prices`]: how much colours jump while the camera moves.
+//! - [`popping_prices`], [`popping_prices_of_levels`]: how much colours jump while the camera moves.
 //! - [`stage_prices`]: where the time of a training step goes.
 //!
 //! Each answer has a text, and is JSON by its serialisation.
@@ -25,7 +25,7 @@ pub(crate) use self::machine::{Loaded, Renderer};
 pub use self::{
     effects::{EffectPrices, effect_prices},
     frontier::{Frontier, Search},
-    popping::{PoppingPrices, SlowOrbit, popping_prices},
+    popping::{PoppingPrices, SlowOrbit, popping_prices, popping_prices_of_levels},
     stages::{StagePrices, stage_prices},
     training::{TrainingPrices, training_prices},
 };

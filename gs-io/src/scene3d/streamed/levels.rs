@@ -1,14 +1,15 @@
 //! Levels of a streamed SOG for a camera that moves.
 
 use std::{
+    borrow::Cow,
     collections::{HashMap, HashSet},
     path::{Path, PathBuf},
 };
 
 use glam::Vec3;
-use gs_core::{LodNode, Scene, Scene3d};
+use gs_core::{Camera, LodNode, Scene, Scene3d, logit, sigmoid};
 
-use super::{FilesInMemory, Run, StreamedSog, checked, part, read_chunk};
+use super::{FilesInMemory, Run, StreamedSog, checked, part, read_chunk, transition::Transition};
 use crate::{
     error::Error,
     scene3d::{File3d, TrainedWith},
@@ -37,6 +38,26 @@ pub struct LevelsInMemory {
     wanted: HashSet<Run>,
     /// The levels that were shown last.
     shown: Option<Vec<usize>>,
+    transition: Transition,
+}
+
+/// A scene whose opacities have this share. On the way from one level to another, the picture is then close to a mix of
+/// both pictures.
+fn faded(scene: &Scene3d, share: f32) -> Cow<'_, Scene3d> {
+    if share == 1.0 {
+        return Cow::Borrowed(scene);
+    }
+    let mut faded = scene.clone();
+    faded.opacity_logits.iter_mut().for_each(|opacity| *opacity = logit(share * sigmoid(*opacity)));
+    Cow::Owned(faded)
+}
+
+/// A scene of all these Gaussians; `None` if there are none.
+fn joined(parts: Vec<Cow<'_, Scene3d>>) -> Option<Scene3d> {
+    let mut scene = Scene3d::default();
+    scene.reserve(parts.iter().map(|part| part.len()).sum());
+    parts.into_iter().for_each(|part| scene.append(part.into_owned()));
+    (!scene.is_empty()).then_some(scene)
 }
 
 /// The Gaussians of a level of a cell.
@@ -58,8 +79,8 @@ impl LevelsInMemory {
     /// Begins with the tree alone. Up to `room` bytes are used for levels that are not shown, in addition to the
     /// coarsest ones.
     pub fn of(file: StreamedSog, room: usize) -> Self {
-        let (parts, wanted) = (HashMap::new(), HashSet::new());
-        Self { file, environment: None, parts, trained_with: None, room, turn: 0, wanted, shown: None }
+        let (parts, wanted, transition) = (HashMap::new(), HashSet::new(), Transition::default());
+        Self { file, environment: None, parts, trained_with: None, room, turn: 0, wanted, shown: None, transition }
     }
 
     /// The bounds of the cells, and the number of Gaussians and the error of each level.
@@ -144,14 +165,24 @@ impl LevelsInMemory {
     /// # Panics
     /// Those of [`missing`](Self::missing).
     pub fn read(&mut self, levels: &[usize]) -> Result<Scene3d, Error> {
-        for path in self.missing(levels, Vec3::ZERO) {
-            self.add(&path, None)?;
-        }
-        let parts = self.shown(levels);
-        let mut scene = Scene3d::default();
-        scene.reserve(parts.iter().map(|part| part.len()).sum());
-        parts.into_iter().for_each(|part| scene.append(part.clone()));
-        if scene.is_empty() { Err(Error::empty(&self.file.path)) } else { Ok(scene) }
+        self.read_missing(levels)?;
+        joined(self.shown(levels)).ok_or_else(|| Error::empty(&self.file.path))
+    }
+
+    /// Reads as [`read`](Self::read) does, and returns what is drawn [at a time](Self::shown_at).
+    ///
+    /// # Errors
+    /// Those of [`StreamedSog::read`].
+    ///
+    /// # Panics
+    /// Those of [`missing`](Self::missing).
+    pub fn read_at(&mut self, levels: &[usize], camera: &Camera, seconds: f64) -> Result<Scene3d, Error> {
+        self.read_missing(levels)?;
+        joined(self.shown_at(levels, camera, seconds)).ok_or_else(|| Error::empty(&self.file.path))
+    }
+
+    fn read_missing(&mut self, levels: &[usize]) -> Result<(), Error> {
+        self.missing(levels, Vec3::ZERO).iter().try_for_each(|path| self.add(path, None))
     }
 
     /// Returns what can be shown in place of a level of each cell, with the environment.
@@ -163,16 +194,40 @@ impl LevelsInMemory {
     ///
     /// # Panics
     /// Those of [`missing`](Self::missing).
-    pub fn shown(&mut self, levels: &[usize]) -> Vec<&Scene3d> {
+    pub fn shown(&mut self, levels: &[usize]) -> Vec<Cow<'_, Scene3d>> {
+        self.transition = Transition::default();
+        self.shown_with(levels, |_| false, 0.0)
+    }
+
+    /// Returns what can be shown at a time, s, on the way to a level of each cell, with the environment.
+    ///
+    /// In a cell that this camera sees, the level that was shown in the call before fades out for a quarter of a second,
+    /// while the next one fades in. So the picture does not jump, and there may be up to twice the Gaussians for that
+    /// time. What [`shown`](Self::shown) returns is reached when no cell [is changing](Self::is_changing) any more.
+    ///
+    /// # Panics
+    /// Those of [`missing`](Self::missing).
+    pub fn shown_at(&mut self, levels: &[usize], camera: &Camera, seconds: f64) -> Vec<Cow<'_, Scene3d>> {
+        let in_sight: Vec<bool> = self.tree().cells().iter().map(|(bounds, _)| bounds.is_in_sight(camera)).collect();
+        self.shown_with(levels, |cell| in_sight[cell], seconds)
+    }
+
+    /// Whether cells change their levels, so that the next call of [`shown_at`](Self::shown_at) returns something else.
+    pub fn is_changing(&self) -> bool {
+        self.transition.is_under_way()
+    }
+
+    fn shown_with(&mut self, levels: &[usize], fades: impl Fn(usize) -> bool, seconds: f64) -> Vec<Cow<'_, Scene3d>> {
         let in_place: Vec<Option<usize>> = (0..levels.len()).map(|cell| self.in_place(cell, levels[cell])).collect();
-        let mut shown: Vec<Run> =
-            self.file.cells.iter().zip(&in_place).filter_map(|(runs, level)| runs[(*level)?]).collect();
-        shown.sort_unstable_by_key(|run| (run.file, run.offset));
         let nothing = |cell: usize| self.file.cells[cell].len() - 1;
         self.shown = Some(in_place.iter().enumerate().map(|(cell, l)| l.unwrap_or_else(|| nothing(cell))).collect());
+        let shown = self.transition.at(&in_place, fades, seconds);
+        let run = |(cell, level, share): (usize, usize, f32)| Some((self.file.cells[cell][level]?, share));
+        let mut shown: Vec<(Run, f32)> = shown.into_iter().filter_map(run).collect();
+        shown.sort_unstable_by_key(|(run, _)| (run.file, run.offset));
         self.make_room();
-        let parts = shown.iter().filter_map(|run| self.parts.get(run)).map(|part| &part.scene);
-        parts.chain(&self.environment).collect()
+        let parts = shown.iter().filter_map(|(run, share)| Some(faded(&self.parts.get(run)?.scene, *share)));
+        parts.chain(self.environment.as_ref().map(Cow::Borrowed)).collect()
     }
 
     /// The level of each cell that was [`shown`](Self::shown) last; the coarsest for a cell that showed nothing.
@@ -197,7 +252,7 @@ impl LevelsInMemory {
     /// Removes parts that are neither wanted nor shown, until the remaining ones of them fit into the room.
     fn make_room(&mut self) {
         let cells = &self.file.cells;
-        let shown = cells.iter().zip(self.shown.iter().flatten()).filter_map(|(runs, &level)| runs[level]);
+        let shown = self.transition.levels().filter_map(|(cell, level)| cells[cell][level]);
         let coarsest = cells.iter().filter_map(|runs| *runs.last()?);
         let stay: HashSet<Run> = self.wanted.iter().copied().chain(shown).chain(coarsest).collect();
         let mut others: Vec<(u64, Run, usize)> = self

@@ -15,6 +15,7 @@ mod levels;
 mod meta;
 #[cfg(feature = "write")]
 mod plan;
+mod transition;
 #[cfg(feature = "write")]
 mod write;
 

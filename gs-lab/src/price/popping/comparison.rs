@@ -1,4 +1,4 @@
-//! Compares both sort orders under a slowly moving camera.
+//! Compares two ways of drawing a scene under a slowly moving camera.
 //!
 //! The measure is [`flicker`], the second difference of three frames, in 8-bit levels. Its square,
 //! summed over the frames of an arc and halved because each jump is in two triples, measures the
@@ -13,18 +13,15 @@
 
 use std::collections::VecDeque;
 
-use gs_core::{Camera, Error as CoreError, Image, Optimizer, RenderSettings, Scene3d, effects::Order, view::Orbit};
+use gs_core::{Camera, Error as CoreError, Image, view::Orbit};
 use gs_train::Error;
 use rayon::prelude::*;
 
 use super::{
-    super::{Loaded, Renderer as _},
     flicker::{Flicker, flicker},
+    ways::Ways,
 };
 use crate::result::mean;
-
-/// The orders that are compared.
-pub(crate) const ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
 
 /// Distances between the frames of a triple: the finest step and its multiples.
 const STRIDES: [usize; 3] = [1, 2, 4];
@@ -81,7 +78,7 @@ impl SlowOrbit {
     }
 }
 
-/// The jumps with one order, evaluated with one step.
+/// The jumps in one way of drawing, evaluated with one step.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Popping {
     /// Squared jumps while the camera turns by a degree, 8-bit levels², averaged over pixels; one
@@ -110,23 +107,22 @@ impl Popping {
     }
 }
 
-/// Both orders, evaluated with one step.
+/// Both ways, evaluated with one step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct AtStep {
     /// Angle between frames, degrees.
     pub(crate) step_degrees: f64,
-    /// Results of the two orders, in the order of [`ORDERS`].
-    pub(crate) orders: [Popping; 2],
+    pub(crate) ways: [Popping; 2],
 }
 
-/// The frames and the pixel at which the first of [`ORDERS`] flickers most beyond the other.
+/// The frames and the pixel at which the first way flickers most beyond the other.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Moment {
-    /// The cameras of the triple, with the finest step.
-    pub(crate) cameras: [Camera; 3],
+    /// The triple with the finest step, in both ways.
+    pub(crate) frames: [Vec<Image>; 2],
     /// Column and row of the window's middle.
     pub(crate) pixel: (u32, u32),
-    /// The excess of the first order's flicker, 8-bit levels.
+    /// The excess of the first way's flicker, 8-bit levels.
     pub(crate) excess: f64,
 }
 
@@ -146,60 +142,48 @@ impl PoppingComparison {
     }
 }
 
-/// Renders each stretch with both orders and otherwise the settings `render`, and measures the
-/// jumps.
+/// Renders each stretch in both ways, and measures the jumps.
 ///
 /// # Errors
-/// [`CoreError::Setting`] where the flight is not possible; those of the backend, such as
-/// [`CoreError::Unsupported`] where it does not support both orders.
-pub(crate) fn compare<R: Optimizer<Scene3d>>(
-    rasterizer: &R,
-    scene: &Scene3d,
-    flight: &SlowOrbit,
-    first: &Camera,
-    render: &RenderSettings,
-) -> Result<PoppingComparison, Error> {
-    let on = Loaded::new(rasterizer, scene)?;
+/// [`CoreError::Setting`] where the flight is not possible; those of the ways.
+pub(crate) fn compare(ways: &mut dyn Ways, flight: &SlowOrbit, first: &Camera) -> Result<PoppingComparison, Error> {
     let stretches = flight.stretches(first)?;
     let step = |stride: usize| f64::from(flight.step_degrees) * stride as f64;
-    let mut steps = STRIDES.map(|stride| AtStep { step_degrees: step(stride), orders: Default::default() });
-    let mut best = Moment { cameras: [*first; 3], pixel: (0, 0), excess: f64::NEG_INFINITY };
+    let mut steps = STRIDES.map(|stride| AtStep { step_degrees: step(stride), ways: Default::default() });
+    let mut best = Moment { frames: Default::default(), pixel: (0, 0), excess: f64::NEG_INFINITY };
     for stretch in &stretches {
         let mut triples: [[Vec<Triple>; 2]; STRIDES.len()] = Default::default();
         let mut frames: [VecDeque<Image>; 2] = Default::default();
         for (number, camera) in stretch.iter().enumerate() {
-            for (order, frames) in ORDERS.into_iter().zip(&mut frames) {
-                frames.push_front(on.image(camera, &ordered(render, order))?);
+            for (frames, image) in frames.iter_mut().zip(ways.frames(number, camera)?) {
+                frames.push_front(image);
                 frames.truncate(2 * STRIDES[STRIDES.len() - 1] + 1);
             }
             let found = flickers(&frames)?;
             for ((at, triples), found) in steps.iter_mut().zip(&mut triples).zip(&found) {
-                for ((popping, triples), flicker) in at.orders.iter_mut().zip(triples).zip(found) {
+                for ((popping, triples), flicker) in at.ways.iter_mut().zip(triples).zip(found) {
                     let highest = flicker.values().iter().copied().fold(0.0, f32::max);
                     popping.highest = popping.highest.max(255.0 * f64::from(highest));
                     let squares = 255.0 * 255.0 * flicker.mean_square();
                     triples.push(Triple { squares, visible: flicker.share_above(VISIBLE_LEVELS as f32 / 255.0) });
                 }
             }
-            if let [tile, pixel] = found[0].as_slice()
-                && let Some((excess, pixel)) = greatest_excess(tile, pixel).filter(|(excess, _)| *excess > best.excess)
+            if let [first, second] = found[0].as_slice()
+                && let Some((excess, pixel)) =
+                    greatest_excess(first, second).filter(|(excess, _)| *excess > best.excess)
             {
-                best = Moment { cameras: [stretch[number - 2], stretch[number - 1], *camera], pixel, excess };
+                let frames = frames.each_ref().map(|frames| frames.iter().take(3).rev().cloned().collect());
+                best = Moment { frames, pixel, excess };
             }
         }
         for (at, triples) in steps.iter_mut().zip(&triples) {
-            at.orders.iter_mut().zip(triples).for_each(|(popping, triples)| popping.add(triples, at.step_degrees));
+            at.ways.iter_mut().zip(triples).for_each(|(popping, triples)| popping.add(triples, at.step_degrees));
         }
     }
     Ok(PoppingComparison { steps: steps.to_vec(), moment: best })
 }
 
-/// The settings with another order.
-pub(crate) fn ordered(render: &RenderSettings, order: Order) -> RenderSettings {
-    render.with(|s| s.effects.order = order)
-}
-
-/// The flicker for each stride and order: that of the triple that ends with the newest frame (at
+/// The flicker for each stride and way: that of the triple that ends with the newest frame (at
 /// the front); empty with too few frames.
 fn flickers(frames: &[VecDeque<Image>; 2]) -> Result<Vec<Vec<Flicker>>, CoreError> {
     let of = |frames: &VecDeque<Image>, stride: usize| {

@@ -1,11 +1,9 @@
-//! Pictures of popping: successive frames with both orders, and their differences.
+//! Pictures of popping: successive frames in both ways, and their differences.
 
-use gs_core::{Image, Optimizer, RenderSettings, Scene3d, constants::SSIM_WINDOW};
-
+use gs_core::{Image, constants::SSIM_WINDOW};
 use gs_train::Error;
 
-use super::comparison::{ORDERS, PoppingComparison, ordered};
-use crate::price::{Loaded, Renderer as _};
+use super::comparison::Moment;
 
 /// Factor by which differences are enlarged.
 const DIFFERENCE_GAIN: f32 = 4.0;
@@ -19,23 +17,11 @@ const SHOWN_PX: u32 = 384;
 /// Gap between two parts, px.
 const GAP_PX: u32 = 8;
 
-/// A picture of the place where popping shows best in a flight around the scene `what`: a row for
-/// each of [`ORDERS`], with the frame before the jump, the one after it, and the difference
-/// ½ + gain · (after − before).
-pub(super) fn picture<R: Optimizer<Scene3d>>(
-    rasterizer: &R,
-    scene: &Scene3d,
-    compared: &PoppingComparison,
-    render: &RenderSettings,
-) -> Result<Image, Error> {
-    let moment = &compared.moment;
-    let on = Loaded::new(rasterizer, scene)?;
-    let row = |order| {
-        let frame = |camera| on.image(camera, &ordered(render, order));
-        moment.cameras.iter().map(frame).collect::<Result<Vec<Image>, _>>()
-    };
-    let rows = ORDERS.into_iter().map(row).collect::<Result<Vec<_>, _>>()?;
-    // The jump is between the first or the last two frames; the first order shows between which.
+/// A picture of the place where popping shows best in a flight: a row for each way of drawing, with the frame before the
+/// jump, the one after it, and the difference ½ + gain · (after − before).
+pub(super) fn picture(moment: &Moment) -> Result<Image, Error> {
+    let rows = &moment.frames;
+    // The jump is between the first or the last two frames; the first way shows between which.
     let size = rows[0][0].size();
     let window = Part::around(moment.pixel, size, SSIM_WINDOW as u32);
     let change = |k: usize| window.change(&rows[0][k], &rows[0][k + 1]);

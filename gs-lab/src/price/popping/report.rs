@@ -2,17 +2,21 @@
 
 use std::fmt;
 
-use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene3d, effects::Order};
-use gs_io::png_bytes;
+use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene3d};
+use gs_io::{StreamedSog, png_bytes};
 use gs_train::Error;
 
 use super::{
-    comparison::{AtStep, ORDERS, Popping, PoppingComparison, SlowOrbit, compare},
+    comparison::{AtStep, Popping, PoppingComparison, SlowOrbit, compare},
     pictures::picture,
+    ways::{Levels, Orders, Ways},
 };
-use crate::report::{
-    Cell, Table,
-    figure::{Axis, Figure, Marks, Series},
+use crate::{
+    price::Loaded,
+    report::{
+        Cell, Table,
+        figure::{Axis, Figure, Marks, Series},
+    },
 };
 
 /// How much jumps in a scene while the camera moves.
@@ -25,7 +29,7 @@ pub struct PoppingPrices {
     picture: Image,
 }
 
-/// Flies around a scene with both sort orders and otherwise the settings `render`. `what` names the scene.
+/// Flies around a scene in both orders of blending and otherwise the settings `render`. `what` names the scene.
 ///
 /// # Errors
 /// [`gs_core::Error::Setting`] where the flight is not possible; those of the backend, such as
@@ -38,11 +42,33 @@ pub fn popping_prices<R: Optimizer<Scene3d>>(
     render: &RenderSettings,
     what: &str,
 ) -> Result<PoppingPrices, Error> {
-    let compared = compare(on, scene, flight, first, render)?;
+    prices(&mut Orders { on: Loaded::new(on, scene)?, render: *render }, flight, first, what)
+}
+
+/// Flies around a scene with levels of detail of which each frame draws as many Gaussians as it needs, at most `budget`,
+/// and otherwise with the settings `render`, at 60 frames a second: with levels that change at once, and with
+/// [transitions](gs_io::LevelsInMemory::shown_at). `what` names the scene.
+///
+/// # Errors
+/// [`gs_core::Error::Setting`] where the flight or the budget is not possible; those of the backend, and of reading.
+pub fn popping_prices_of_levels<R: Optimizer<Scene3d>>(
+    on: &R,
+    (file, budget): (&StreamedSog, usize),
+    flight: &SlowOrbit,
+    first: &Camera,
+    render: &RenderSettings,
+    what: &str,
+) -> Result<PoppingPrices, Error> {
+    prices(&mut Levels::new(on, file, budget, *render), flight, first, what)
+}
+
+fn prices(ways: &mut dyn Ways, flight: &SlowOrbit, first: &Camera, what: &str) -> Result<PoppingPrices, Error> {
+    let (compared, names) = (compare(ways, flight, first)?, ways.names());
+    let columns = columns(ways.what());
     Ok(PoppingPrices {
-        table: Table::new("popping", format!("{what}: what jumps"), &STEP_COLUMNS, rows(&compared)),
-        chart: trajectory_chart(what, &compared),
-        picture: picture(on, scene, &compared, render)?,
+        table: Table::new("popping", format!("{what}: what jumps"), &columns, rows(&compared, names)),
+        chart: trajectory_chart(what, &compared, names),
+        picture: picture(&compared.moment)?,
     })
 }
 
@@ -65,38 +91,39 @@ impl fmt::Display for PoppingPrices {
     }
 }
 
-/// The columns of [`rows`].
-const STEP_COLUMNS: [&str; 5] =
-    ["step, °", "order", "jumps, levels² per degree", "visible jumps per pixel and degree", "highest flicker, levels"];
+/// The columns of [`rows`], if this distinguishes both ways.
+fn columns(what: &str) -> [&str; 5] {
+    ["step, °", what, "jumps, levels² per degree", "visible jumps per pixel and degree", "highest flicker, levels"]
+}
 
-/// The jumps with each step and order.
-fn rows(comparison: &PoppingComparison) -> Vec<Vec<Cell>> {
+/// The jumps with each step and way.
+fn rows(comparison: &PoppingComparison, names: [&'static str; 2]) -> Vec<Vec<Cell>> {
     let of_step = |at: &AtStep| {
-        let of_order = |(order, popping): (Order, &Popping)| -> Vec<Cell> {
+        let of_way = |(name, popping): (&'static str, &Popping)| -> Vec<Cell> {
             vec![
                 Cell::Significant(at.step_degrees, 3),
-                order.name().into(),
+                name.into(),
                 Cell::Significant(popping.squares(), 3),
                 Cell::Significant(popping.times(), 3),
                 Cell::Significant(popping.highest, 3),
             ]
         };
-        ORDERS.into_iter().zip(&at.orders).map(of_order).collect::<Vec<_>>()
+        names.into_iter().zip(&at.ways).map(of_way).collect::<Vec<_>>()
     };
     comparison.steps.iter().flat_map(of_step).collect()
 }
 
 /// The flicker with the finest step, frame by frame.
-fn trajectory_chart(what: &str, comparison: &PoppingComparison) -> Figure {
-    let curve = |(order, popping): (Order, &Popping)| {
+fn trajectory_chart(what: &str, comparison: &PoppingComparison, names: [&str; 2]) -> Figure {
+    let curve = |(name, popping): (&str, &Popping)| {
         let points = (1..).zip(&popping.trajectory).map(|(triple, &levels)| (f64::from(triple), levels));
-        Series::line(order.name(), points.collect())
+        Series::line(name, points.collect())
     };
     Figure {
         name: "flicker".to_owned(),
         title: format!("{what}: flicker, frame by frame"),
         x: Axis::linear("frame, stretch after stretch"),
         y: Axis::linear("root mean square second difference, 8-bit levels"),
-        marks: Marks::lines(ORDERS.into_iter().zip(&comparison.finest().orders).map(curve).collect()),
+        marks: Marks::lines(names.into_iter().zip(&comparison.finest().ways).map(curve).collect()),
     }
 }

@@ -7,7 +7,11 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
-use super::comparison::{PoppingComparison, SlowOrbit, compare};
+use super::{
+    comparison::{PoppingComparison, SlowOrbit, compare},
+    ways::Orders,
+};
+use crate::price::Loaded;
 
 /// Two intersecting flat Gaussians, a warm and a cold one, each with one half in front. Their means
 /// swap the order of their depths in the middle of a flight around them.
@@ -42,7 +46,9 @@ fn flown(scene: &Scene3d, step_degrees: f32) -> PoppingComparison {
     render.effects.antialias = Antialias::Dilate;
     // A high α cut would leave visible rims.
     render.accuracy.alpha_cut = 1e-6;
-    compare(CpuRasterizer::new(CpuSettings::default()).unwrap().for_3d(), scene, &flight, &first, &render).unwrap()
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let on = Loaded::new(cpu.for_3d(), scene).unwrap();
+    compare(&mut Orders { on, render }, &flight, &first).unwrap()
 }
 
 /// A single disc off the axis, so that it moves across the picture.
@@ -57,25 +63,25 @@ fn one_disc() -> Scene3d {
 #[test]
 fn motion_goes_with_the_step_and_a_jump_stays() {
     let moved = flown(&one_disc(), 0.5);
-    let [tile, pixel] = moved.finest().orders.each_ref().map(|popping| popping.highest);
+    let [tile, pixel] = moved.finest().ways.each_ref().map(|popping| popping.highest);
     assert!(tile > 0.05 && (tile - pixel).abs() < 1e-3 * tile, "{tile} {pixel}");
     for steps in moved.steps.windows(2) {
-        let left = steps[0].orders[0].highest / steps[1].orders[0].highest;
+        let left = steps[0].ways[0].highest / steps[1].ways[0].highest;
         assert!((0.2..0.3).contains(&left), "{left}");
         // Squares per degree fall to an eighth.
-        let left = steps[0].orders[0].squares() / steps[1].orders[0].squares();
+        let left = steps[0].ways[0].squares() / steps[1].ways[0].squares();
         assert!((0.08..0.17).contains(&left), "{left}");
     }
     let jumped = flown(&discs(), 0.05);
     for steps in jumped.steps.windows(2) {
-        let left = steps[0].orders[0].highest / steps[1].orders[0].highest;
+        let left = steps[0].ways[0].highest / steps[1].ways[0].highest;
         assert!((0.98..1.02).contains(&left), "{left}");
     }
     // The camera turns by 15 steps, during which each pixel jumps once.
     let turned = 15.0 * 0.05;
-    let share = jumped.finest().orders[0].times() * turned;
+    let share = jumped.finest().ways[0].times() * turned;
     assert!((0.1..0.5).contains(&share), "{share}");
-    assert_eq!(jumped.finest().orders[1].times(), 0.0);
+    assert_eq!(jumped.finest().ways[1].times(), 0.0);
     let middle = jumped.moment.pixel;
     assert!(middle.0.abs_diff(48) < 16 && middle.1.abs_diff(48) < 16, "{middle:?}");
 }
