@@ -124,14 +124,19 @@ export function serveLevels(load) {
   }
 }
 
-/** The files of a chunk by name: its `meta.json`, and the images next to it that it names. */
+/**
+ * The files of a chunk by name: its `meta.json`, and the images next to it that it names. Each address has the query of
+ * that of `lod-meta.json`, which may be a signature.
+ */
 async function filesOf(path, address, signal) {
-  const meta = new URL(path.split("/").map(encodeURIComponent).join("/"), address);
+  const { search } = new URL(address);
+  const below = (name, place) => Object.assign(new URL(name, place), { search });
+  const meta = below(path.split("/").map(encodeURIComponent).join("/"), address);
   const folder = new URL(".", address).href;
   if (!meta.href.startsWith(folder)) throw new Error(`${path}: is not in the folder of lod-meta.json`);
   const bytes = await bytesOf(meta, signal);
   const names = namesIn(bytes, meta);
-  const images = await Promise.all(names.map((name) => bytesOf(new URL(encodeURIComponent(name), meta), signal)));
+  const images = await Promise.all(names.map((name) => bytesOf(below(encodeURIComponent(name), meta), signal)));
   return new Map([[path.split("/").pop(), bytes], ...names.map((name, k) => [name, images[k]])]);
 }
 

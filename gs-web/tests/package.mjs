@@ -62,15 +62,18 @@ const asked = [];
 const askedIn = [];
 /** The folders of chunks that the server was asked for, of the last scene with levels of detail. */
 const levelsAsked = () => askedIn.slice(askedIn.lastIndexOf("city") + 1).filter((name) => /^\d_\d$/.test(name));
-/** Whether chunks are never sent: after a `lod-meta.json?slow`. */
-let slow = false;
+/** The query of the last `lod-meta.json`. After `?slow`, chunks are never sent; after `?key=7`, only with this query. */
+let query = "";
 const server = http.createServer(({ url }, response) => {
-  const { pathname } = new URL(url, "http://localhost");
+  const { pathname, search } = new URL(url, "http://localhost");
   const file = inSite(pathname === "/" ? "index.html" : pathname);
   asked.push(path.basename(file));
   askedIn.push(path.basename(path.dirname(file)));
-  if (slow && /^\d_\d$/.test(path.basename(path.dirname(file)))) return;
-  if (file.endsWith("lod-meta.json")) slow = new URL(url, "http://localhost").search === "?slow";
+  if (file.endsWith("lod-meta.json")) query = search;
+  else if (/^\d_\d$/.test(path.basename(path.dirname(file)))) {
+    if (query === "?slow") return;
+    if (query === "?key=7" && search !== query) return response.writeHead(403).end("no key");
+  }
   if (!fs.existsSync(file) || withheld.has(path.basename(file))) return response.writeHead(404).end("no");
   response.writeHead(200, { "content-type": TYPES[path.extname(file).slice(1)] ?? "application/octet-stream" }).end(contents(file));
 });
@@ -519,6 +522,8 @@ await viewer.load(3);
     await new Promise((resolve) => setTimeout(resolve, 300));
     assert.equal(await load(), 9000);
     assert.equal(await abandoned, "AbortError");
+    // Chunks are asked for with the query of the address.
+    assert.equal(await page.evaluate(() => viewer.load("city/lod-meta.json?key=7").then(({ gaussians }) => gaussians)), 9000);
     const disposed = page.evaluate(() => {
       const loading = viewer.load("city/lod-meta.json?slow").catch(({ name }) => name);
       return new Promise((resolve) => setTimeout(resolve, 300)).then(() => (viewer.dispose(), loading));

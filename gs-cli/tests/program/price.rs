@@ -244,6 +244,30 @@ fn popping_is_measured_in_both_orders() {
     assert_eq!(gs_io::read_image(output.join("popping.png")).unwrap().image.size(), (3 * 384 + 16, 2 * 320 + 8));
 }
 
+#[test]
+fn popping_of_levels_is_measured_at_once_and_with_transitions() {
+    let place = folder();
+    let gaussian = |i: u16| {
+        let t = f32::from(i);
+        Gaussian3d {
+            mean: Vec3::new((t * 0.618_034).fract(), (t * 0.754_877_7).fract(), (t * 0.569_84).fract()) * 4.0,
+            log_scale: Vec3::splat(-2.5),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 2.0,
+            sh: vec![Vec3::new(t.sin(), t.cos(), 0.0)],
+        }
+    };
+    let (city, output) = (place.path().join("city/lod-meta.json"), place.path().join("out"));
+    gs_io::write_3d(&city, &(0..500).map(gaussian).collect(), &gs_io::WriteOptions3d::default()).unwrap();
+    let flags = ["--size", "48x40", "--places", "1", "--frames", "9", "--backend", "cpu", "--max-gaussians", "200"];
+    let run = gs(["popping", text(&city), "-o", text(&output)].into_iter().chain(flags)).done();
+    let lines: Vec<&str> = run.stdout.lines().collect();
+    assert!(lines[0].contains("500 Gaussians") && lines.len() == 8, "{}", run.stdout);
+    assert!(lines[2].contains("at once") && lines[3].contains("transition"), "{}", run.stdout);
+    let csv = fs::read_to_string(output.join("popping.csv")).unwrap();
+    assert!(csv.starts_with("\"step, °\",levels,"), "{csv}");
+}
+
 /// Command, input, flags, status, and parts of the message.
 type Case<'a> = (&'a str, &'a Path, &'a [&'a str], i32, &'a [&'a str]);
 
@@ -255,7 +279,7 @@ fn impossible_measurements_are_refused_before_any_output() {
     let output = place.path().join("out");
     let [in_text, absent, none] = ["text", "absent.png", "none.ply"].map(|name| place.path().join(name));
     fs::write(&in_text, "This is neither.\n").unwrap();
-    let cases: [Case<'_>; 13] = [
+    let cases: [Case<'_>; 14] = [
         ("profile", &absent, &[], 1, &["absent.png", "no such file"]),
         ("profile", &in_text, &[], 1, &["text"]),
         ("profile", place.path(), &[], 1, &["holds no scene"]),
@@ -265,6 +289,7 @@ fn impossible_measurements_are_refused_before_any_output() {
         ("frontier", &scene, &["--dataset", "/no/such"], 1, &["/no/such"]),
         ("popping", &scene, &["--order", "global"], 2, &["both orders are compared"]),
         ("popping", &scene, &["--step", "0"], 2, &["above 0"]),
+        ("popping", &scene, &["--max-gaussians", "9"], 2, &["--max-gaussians", "levels of detail"]),
         ("popping", &scene, &["--size", "99999x9"], 2, &["--size"]),
         ("popping", &scene, &["--size", "16384x16384"], 2, &["pixels of a frame"]),
         ("popping", &none, &[], 1, &["none.ply"]),

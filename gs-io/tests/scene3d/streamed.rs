@@ -7,7 +7,7 @@ use std::{
 };
 
 use glam::Vec3;
-use gs_core::{Gaussian3d, LodNode, Scene, Scene3d};
+use gs_core::{Camera, Gaussian3d, LodNode, Scene, Scene3d, sigmoid};
 use gs_io::{
     Error, FilesInMemory, FolderClaim, Format3d, LevelsInMemory, StreamedSog, WriteOptions3d, read_3d, read_scene,
     write_3d, write_levels_of_parts_3d,
@@ -84,6 +84,30 @@ fn levels_in_memory_are_those_of_the_file_and_only_what_is_missing_is_read() {
     levels.read(&[0, 0]).unwrap();
     fs::remove_dir_all(path.with_file_name("2_0")).unwrap();
     assert_eq!(levels.read(&[2, 2]).unwrap().len(), 2250);
+}
+
+#[test]
+fn levels_that_a_camera_sees_fade_and_end_as_they_are_read() {
+    let (_place, path, _) = written(9000);
+    let streamed = StreamedSog::open(&path).unwrap();
+    let read = |levels: &[usize]| streamed.read(levels).unwrap().scene;
+    let lens = Camera::looking_forward(400, 300, 1.0);
+    let above = lens.looking_at(Vec3::new(20.0, -60.0, 20.0), Vec3::new(20.0, 0.0, 20.1), Vec3::Z).unwrap();
+    let away = lens.looking_at(Vec3::new(20.0, -60.0, 20.0), Vec3::new(20.0, -90.0, 20.1), Vec3::Z).unwrap();
+    let mut levels = LevelsInMemory::of(streamed.clone(), 0);
+    assert_eq!(levels.read_at(&[4, 4], &above, 0.0).unwrap(), read(&[4, 4]));
+    assert_eq!(levels.read_at(&[3, 4], &above, 5.0).unwrap(), read(&[4, 4]), "it begins");
+    assert!(levels.is_changing());
+    let both = levels.read_at(&[3, 4], &above, 5.125).unwrap();
+    let counts: Vec<usize> = streamed.tree().cells()[0].1.iter().map(|level| level.gaussians).collect();
+    assert_eq!(both.len(), read(&[3, 4]).len() + counts[4]);
+    let opacity = |scene: &Scene3d| scene.opacity_logits.iter().map(|&logit| f64::from(sigmoid(logit))).sum::<f64>();
+    let mean = 0.5 * (opacity(&read(&[4, 4])) + opacity(&read(&[3, 4])));
+    assert!((opacity(&both) / mean - 1.0).abs() < 1e-5, "half of each level");
+    assert_eq!(levels.read_at(&[3, 4], &above, 5.3).unwrap(), read(&[3, 4]));
+    assert!(!levels.is_changing());
+    assert_eq!(levels.read_at(&[1, 2], &away, 6.0).unwrap(), read(&[1, 2]), "nobody sees it");
+    assert_eq!(levels.read(&[0, 0]).unwrap(), read(&[0, 0]));
 }
 
 /// The files in the folder of a chunk, by their paths below that of `lod-meta.json`.
