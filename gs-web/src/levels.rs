@@ -142,7 +142,7 @@ impl Levels {
         for part in &parts {
             match part.sh_degree == self.sh_degree {
                 true => numbers.extend(flat(&part.sh)),
-                false => numbers.extend(flat(&(*part).clone().with_degree(self.sh_degree).sh)),
+                false => numbers.extend(flat(&part.clone().into_owned().with_degree(self.sh_degree).sh)),
             }
         }
         parts.iter().for_each(|part| numbers.extend(part.rotations.as_flattened()));
