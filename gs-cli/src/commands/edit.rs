@@ -32,6 +32,8 @@ Operations, done from left to right:
   scale-from=X,Y,Z,X,Y,Z,LENGTH: scale so that two points are LENGTH apart
   up=X,Y,Z: turn so that this direction points up, which is -y
   up=ground: turn so that the ground is level: the plane, at most 45 degrees from level, that holds most Gaussians
+  align=DATASET,DATASET: move so that the cameras of the first data set, that of the scene, come to those of the
+    second with the same images
   crop=REGION: remove what is outside a region
   cut=REGION: remove what is inside a region
   keep=FILTER: remove Gaussians for which a filter is false
@@ -48,11 +50,13 @@ size and thickness are standard deviations of the longest and the shortest axis.
 the sum of the blending weights of a Gaussian in the view where it is largest, in pixels. Quote filters for the shell: \
 'drop=opacity<0.02'.
 
-What moves, turns or scales a scene takes it out of its place in the world of its data set. gs convert --frame world \
+What moves, turns or scales a scene takes it out of its place in the world of its data set; align takes it \
+to that of the other one. gs convert --frame world \
 writes the coordinates of that world.
 
 Example:
   gs edit out room.ply 'drop=opacity<0.02' up=ground scale-from=0,0,0,1,0,0,2.5 crop=sphere:0,0,0,4
+  gs edit north both.ply align=north-photos,south-photos add=south
   gs edit out clean.ply --views dataset floaters 'keep=contribution>0.1'";
 
 /// The flags of `gs edit`.

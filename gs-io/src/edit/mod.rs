@@ -1,5 +1,6 @@
-//! Edits of 3D scenes: moving, cropping, filtering by a property, adding others.
+//! Edits of 3D scenes: moving, aligning, cropping, filtering by a property, adding others.
 
+mod align;
 mod filter;
 mod ground;
 
@@ -9,7 +10,10 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3};
 use gs_core::{Region, Scene as _, Scene3d, counted, examination::Examinable as _};
 
 pub use self::filter::Filter;
-use self::ground::up_of_ground;
+use self::{
+    align::{Aligned, aligned},
+    ground::up_of_ground,
+};
 use crate::{
     any_scene::{AnyScene, Values, read_scene},
     error::Error,
@@ -54,6 +58,11 @@ pub enum Edit {
     /// Turns about the origin so that a direction, of any length but 0, points up, which is −y. `None` stands for
     /// the direction across the plane that holds most Gaussians, among those within 45° of −y.
     Up(Option<DVec3>),
+    /// Moves, turns and scales so that the cameras of the first data set, which is that of the scene, come to those of
+    /// the second with the same images: those whose names agree, without folders and endings. The scene is then in
+    /// the frame of the second one, as scenes that are trained with it. Both may be any data sets that
+    /// [`read_dataset`](crate::dataset::read_dataset) reads.
+    Align([PathBuf; 2]),
     /// Removes Gaussians by their means.
     Crop {
         /// The region.
@@ -149,7 +158,19 @@ pub enum EditError {
          moved, or take both out of their frames, as move=0,0,0 does"
     )]
     OtherWorld,
-    /// The other scene cannot be read.
+    /// Two data sets have too few images in common to align a scene.
+    #[error(
+        "the data sets have {shared} images in common whose cameras are apart, and at least 2 are needed: names of \
+         images must agree, without folders and endings"
+    )]
+    FewCameras {
+        /// Number of images that both have.
+        shared: usize,
+    },
+    /// The cameras of the same images are at places that no motion makes agree.
+    #[error("the cameras of the images that both data sets have are not arranged alike: are these the same images?")]
+    OtherCameras,
+    /// The other scene, or a data set, cannot be read.
     #[error(transparent)]
     Read(Box<Error>),
 }
@@ -162,7 +183,7 @@ impl From<Error> for EditError {
 
 /// How operations are written.
 const FORMS: &str = "move=X,Y,Z, turn=AXIS:DEGREES, scale=FACTOR, scale-from=X,Y,Z,X,Y,Z,LENGTH, up=X,Y,Z, \
-     up=ground, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER, add=FILE or floaters";
+     up=ground, align=DATASET,DATASET, crop=REGION, cut=REGION, keep=FILTER, drop=FILTER, add=FILE or floaters";
 
 /// The usual limit of [`Edit::Floaters`], dB.
 const MOST_LOSS: f64 = 0.05;
@@ -192,6 +213,10 @@ impl FromStr for Edit {
             "up" => match vector(value).filter(|up| up.length_squared() > 0.0) {
                 Some(up) => Ok(Self::Up(Some(up))),
                 None => Err("write it as up=X,Y,Z, a direction, or up=ground".to_owned()),
+            },
+            "align" => match value.split(',').collect::<Vec<_>>()[..] {
+                [from, to] if !from.is_empty() && !to.is_empty() => Ok(Self::Align([from.into(), to.into()])),
+                _ => Err(written("DATASET,DATASET: that of the scene, and the one to whose cameras it is moved")),
             },
             "crop" | "cut" => region(value)
                 .map(|region| Self::Crop { region, keep_inside: name == "crop" })
@@ -258,14 +283,15 @@ impl Edit {
 
     /// Whether it looks at one Gaussian at a time, so that a scene may be edited part by part.
     pub fn is_local(&self) -> bool {
-        !self.needs_views() && !matches!(self, Self::Up(None) | Self::Add(_))
+        !self.needs_views() && !matches!(self, Self::Up(None) | Self::Align(_) | Self::Add(_))
     }
 
-    /// The map by which it moves, turns or scales a scene; `None` for other edits.
+    /// The map by which it moves, turns or scales a scene in this frame; `None` for other edits.
     ///
     /// # Errors
-    /// [`EditError::SamePoints`] and [`EditError::NoGround`].
-    pub fn map(&self, scene: &Scene3d) -> Result<Option<DAffine3>, EditError> {
+    /// [`EditError::SamePoints`] and [`EditError::NoGround`]; for [`Self::Align`], [`EditError::FewCameras`],
+    /// [`EditError::OtherCameras`] and [`EditError::Read`].
+    pub fn map(&self, scene: &Scene3d, frame: WorldFrame) -> Result<Option<DAffine3>, EditError> {
         let turned = |rotation| DAffine3::from_mat3(DMat3::from_quat(rotation));
         let scaled = |factor| DAffine3::from_mat3(DMat3::from_diagonal(DVec3::splat(factor)));
         Ok(Some(match self {
@@ -279,18 +305,28 @@ impl Edit {
                 let up = direction.or_else(|| up_of_ground(scene)).ok_or(EditError::NoGround)?;
                 turned(DQuat::from_rotation_arc(up.normalize(), UP))
             }
+            Self::Align(datasets) => aligned(datasets, frame)?.map.to_affine(),
             Self::Crop { .. } | Self::Select { .. } | Self::Add(_) | Self::Floaters(_) => return Ok(None),
         }))
     }
 
-    /// Does it, and says what it did. What moves, turns or scales a scene takes it out of its frame in the world.
+    /// Does it, and says what it did. What moves, turns or scales a scene takes it out of its frame in the world;
+    /// [`Self::Align`] takes it to that of another scene.
     /// The scene may be a part of a larger one if the edit [is local](Self::is_local): [`Done::check`] fails where
     /// nothing is left.
     ///
     /// # Errors
     /// [`EditError`]. The scene may have changed.
     pub fn apply(&self, scene: &mut Scene3d, frame: &mut WorldFrame) -> Result<Done, EditError> {
-        if let Some(map) = self.map(scene)? {
+        if let Self::Align(datasets) = self {
+            let Aligned { map, frame: of_other, shared, apart } = aligned(datasets, *frame)?;
+            moved(scene, frame, &map.to_affine())?;
+            *frame = of_other;
+            return Ok(Done::Changed(format!(
+                "aligned by {shared} cameras, which are {apart:.2e} apart in the median"
+            )));
+        }
+        if let Some(map) = self.map(scene, *frame)? {
             return moved(scene, frame, &map);
         }
         match self {
@@ -381,6 +417,7 @@ mod tests {
             ("drop=colour<1", "`colour` is no property"),
             ("keep=x>=wide", "`wide` is not a number"),
             ("add=", "an operation is"),
+            ("align=here", "align=DATASET,DATASET"),
             ("floaters=-1", "the most that it may cost"),
         ] {
             let error = parsed(text).unwrap_err();

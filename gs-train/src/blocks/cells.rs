@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec3};
 use gs_core::{Error, Scene3d};
-use gs_io::Edit;
+use gs_io::{Edit, WorldFrame};
 use serde::{Deserialize, Serialize};
 
 /// The two directions along the ground, world axes by default: x right, z forward.
@@ -19,7 +19,11 @@ impl Ground {
     /// The plane that holds most Gaussians of a scene, as [`Edit::Up`] finds it; where there is none, that of the
     /// axes x and z.
     pub fn of(scene: &Scene3d) -> Self {
-        let levelled = Edit::Up(None).map(scene).ok().flatten().map_or(glam::DMat3::IDENTITY, |map| map.matrix3);
+        let levelled = Edit::Up(None)
+            .map(scene, WorldFrame::WORLD)
+            .ok()
+            .flatten()
+            .map_or(glam::DMat3::IDENTITY, |map| map.matrix3);
         let from_levelled = levelled.transpose();
         Self { right: from_levelled * DVec3::X, forward: from_levelled * DVec3::Z }
     }

@@ -59,7 +59,7 @@ impl<'a, R: Optimizer<Scene3d>> ViewEditor<'a, R> {
                 contribution.into_iter().map(|value| filter.is_true_of(value) == *keep).collect()
             }
             _ => {
-                if let Some(map) = edit.map(scene)? {
+                if let Some(map) = edit.map(scene, *frame)? {
                     let moved = |view: &mut PosedView| view.camera = moved(&view.camera, &map);
                     self.views.train.iter_mut().chain(&mut self.views.test).for_each(moved);
                 }
