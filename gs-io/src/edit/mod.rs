@@ -322,9 +322,8 @@ impl Edit {
             let Aligned { map, frame: of_other, shared, apart } = aligned(datasets, *frame)?;
             moved(scene, frame, &map.to_affine())?;
             *frame = of_other;
-            return Ok(Done::Changed(format!(
-                "aligned by {shared} cameras, which are {apart:.2e} apart in the median"
-            )));
+            let percent = 100.0 * apart;
+            return Ok(Done::Changed(format!("aligned by {shared} cameras, to {percent:.2} % of their spread")));
         }
         if let Some(map) = self.map(scene, *frame)? {
             return moved(scene, frame, &map);
