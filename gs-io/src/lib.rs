@@ -14,6 +14,7 @@
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, RAD, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
 //! | … with levels of detail: streamed SOG | [`read_3d`], [`StreamedSog`] | [`write_3d`] |
+//! | … with levels of detail: 3D Tiles | – | [`write_3d`] |
 //! | edits of 3D scenes: moving, cropping, joining and the like | [`Edit`] | – |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |
 //!
@@ -30,6 +31,8 @@ mod atomic;
 mod checkpoint;
 mod container;
 pub mod dataset;
+#[cfg(feature = "write")]
+mod earth;
 #[cfg(feature = "write")]
 mod edit;
 mod error;

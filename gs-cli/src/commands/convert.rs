@@ -43,7 +43,8 @@ pub(crate) struct ConvertArgs {
     from: PathBuf,
     #[arg(help = format!(
         "The file to write, with the ending of its format: {}; meta.json for a SOG as images in its folder, \
-         lod-meta.json for a streamed SOG with levels of detail; for a 2D scene .gs2d.safetensors",
+         lod-meta.json for a streamed SOG and tileset.json for 3D Tiles, both with levels of detail; for a 2D scene \
+         .gs2d.safetensors",
         Format3d::endings()
     ))]
     to: PathBuf,
@@ -55,6 +56,10 @@ pub(crate) struct ConvertArgs {
     /// glTF (a node) hold the latter
     #[arg(long, value_name = "COORDINATES", value_parser = by_name::<Coordinates>(), default_value_t)]
     frame: Coordinates,
+    /// EPSG code of the data set's coordinates, for a place of 3D Tiles on the globe: 4978 for ECEF, or a zone of UTM,
+    /// such as 32632 for zone 32 north
+    #[arg(long, value_name = "CODE")]
+    epsg: Option<u16>,
     /// Repair scales of 0, leave out Gaussians that cannot be drawn or that the format cannot hold, and print
     /// how many; gs doctor shows which and why
     #[arg(long)]
@@ -106,6 +111,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if Format3d::to_write(&args.to).is_none() && !scene::is_scene_2d(&args.to) {
         let failure = Failure::from(Format3d::unknown_ending(&args.to));
         return Err(failure.hint(format_args!("or, for a 2D scene, .{SCENE_EXTENSION}")));
+    }
+    if args.epsg.is_some() && Format3d::to_write(&args.to) != Some(Format3d::Tiles3d) {
+        let failure = Failure::usage("only 3D Tiles have a place on the globe").at("--epsg");
+        return Err(failure.hint("write them as FOLDER/tileset.json"));
     }
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
     let SceneFile { path, scene, has_alpha, .. } = scene::read(&args.from, values)?;
@@ -185,6 +194,7 @@ fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
         s.trained_with = trained_with;
         s.coordinates = args.frame;
         s.spz_version = args.spz_version;
+        s.epsg = args.epsg;
     })
 }
 

@@ -266,6 +266,37 @@ fn a_streamed_sog_has_levels_of_detail() {
 }
 
 #[test]
+fn tiles_are_written_with_their_place_on_the_globe() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let (first, tiles) = (ply(place.path()), path("globe/tileset.json"));
+    let json = convert(&first, &tiles, &["--json", "--epsg", "32632"]).json();
+    assert_eq!((&json["gaussians"], &json["written"]["format"]), (&10.into(), &"3D Tiles".into()));
+    let tileset = || serde_json::from_slice::<serde_json::Value>(&fs::read(&tiles).unwrap()).unwrap();
+    assert_eq!(tileset()["root"]["transform"].as_array().unwrap().len(), 16);
+    assert_eq!(gs(["info", "--json", text(&path("globe/0_0.glb"))]).json()["gaussians"], 10);
+    convert(&first, &tiles, &[]).done();
+    assert!(tileset()["root"]["transform"].is_null(), "the tiles that gs wrote are replaced");
+
+    for scene in [&tiles, &path("globe")] {
+        let run = convert(scene, &path("back.ply"), &[]);
+        assert!(run.status == Some(1) && run.refusal().contains("3D Tiles are only written"), "{run:?}");
+    }
+    for (to, code, expected) in [("a.ply", "32632", "only 3D Tiles"), ("new/tileset.json", "2056", "EPSG:2056")] {
+        let run = convert(&first, &path(to), &["--epsg", code]);
+        assert!(run.refusal().contains(expected) && !path(to).exists(), "{run:?}");
+    }
+    // What the scene is read from and what others wrote is not replaced.
+    let run = convert(&path("globe/0_0.glb"), &tiles, &[]);
+    assert!(run.refusal().contains("is an input of this run"), "{run:?}");
+    fs::create_dir(path("other")).unwrap();
+    fs::write(path("other/tileset.json"), "mine").unwrap();
+    let run = convert(&first, &path("other/tileset.json"), &[]);
+    assert!(run.refusal().contains("is in the way") && run.refusal().contains("another folder"), "{run:?}");
+    assert_eq!(names_in(&path("other")), ["tileset.json"]);
+}
+
+#[test]
 fn a_scene_is_reduced_and_the_cost_is_printed() {
     let place = folder();
     let path = |name: &str| place.path().join(name);

@@ -17,8 +17,13 @@ struct Kind {
     hint: &'static str,
 }
 
+/// The file that describes 3D Tiles.
+pub(crate) const TILESET: &str = "tileset.json";
+
 /// Files that describe a scene in their folder and its subfolders.
-pub(crate) const FOLDER_NAMES: [&str; 1] = ["tileset.json"];
+pub(crate) const FOLDER_NAMES: [&str; 1] = [TILESET];
+
+const ORIGINAL: &str = "3D Tiles are only written: name the scene that they were made of";
 
 const ANY: &[&str] = &[];
 
@@ -29,7 +34,7 @@ const KINDS: [Kind; 11] = [
         start: b"",
         endings: &["b3dm", "i3dm", "pnts", "cmpt", "subtree"],
         what: "a tile of 3D Tiles",
-        hint: "name a PLY or a glTF of Gaussians that the tiles were made of",
+        hint: ORIGINAL,
     },
     Kind { start: b"", endings: &["lcc"], what: "an XGrids .lcc scene", hint: SPLAT_TRANSFORM },
     Kind {
@@ -77,7 +82,7 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     } else if has(&["lodLevels"]) || has(&["filenames", "tree"]) {
         ("the lod-meta.json of a streamed SOG", "name it lod-meta.json, beside the folders of its chunks")
     } else if has(&["root", "geometricError"]) {
-        ("a tileset of 3D Tiles", "name a PLY or a glTF of Gaussians that the tiles were made of")
+        ("a tileset of 3D Tiles", ORIGINAL)
     } else if has(&["frames"]) {
         ("a transforms.json, which belongs to a data set", "train a scene with gs train, or name a scene")
     } else {

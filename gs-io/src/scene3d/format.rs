@@ -26,6 +26,9 @@ pub enum Format3d {
     StreamedSog,
     /// RAD, of Spark, with a tree of levels of detail.
     Rad,
+    /// 3D Tiles, the format of CesiumJS for the globe: levels of detail as `.glb` next to a file `tileset.json`. Only
+    /// written.
+    Tiles3d,
     /// `.ksplat`, of mkkellogg's viewer.
     Ksplat,
     /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads

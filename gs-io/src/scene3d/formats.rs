@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{
     Encoded3d, File3d, Format3d,
-    foreign::has_name,
+    foreign::{TILESET, has_name},
     gltf, ksplat,
     options::ToWrite,
     ply, rad, sog,
@@ -108,6 +108,16 @@ const FORMATS: &[Row] = &[
         encode: |write| Err(Error::unsupported(write.path, "a streamed SOG in memory", "write it with write_3d")),
         beside: |path, _| streamed::chunk_files(path),
         memory: 14,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Tiles3d,
+        name: "3D Tiles",
+        what: "a tileset of 3D Tiles",
+        ending: Some(TILESET),
+        encode: |write| Err(Error::unsupported(write.path, "a tileset in memory", "write it with write_3d")),
+        beside: |path, _| streamed::chunk_files(path),
+        largest: ((1 << 23) - 1) as f64,
         ..ROW
     },
     Row {
@@ -215,7 +225,8 @@ impl Format3d {
 
     /// The names of the formats that can be read, as a list in words.
     pub fn names() -> String {
-        in_words(FORMATS.iter().filter(|row| row.format != Self::Checkpoint).map(|row| row.name))
+        let others = [Self::Checkpoint, Self::Tiles3d];
+        in_words(FORMATS.iter().filter(|row| !others.contains(&row.format)).map(|row| row.name))
     }
 
     /// The further files that writing a scene of this degree to a path in this format makes.

@@ -11,6 +11,7 @@
 //! | SOG, bundled and unbundled | version 2 | version 2 | all degrees, everything rounded |
 //! | streamed SOG, `lod-meta.json` | the finest level, or a cut through the levels ([`StreamedSog`]) | yes, with levels of detail | as SOG |
 //! | RAD, of Spark | the finest level | yes, with levels of detail | all degrees; means bit for bit, the others rounded |
+//! | 3D Tiles, `tileset.json` | each `.glb` alone | yes, with levels of detail | as SPZ, but means nearly exactly |
 //! | `.ksplat` | yes | – | degree 2 at most |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
 //! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and SH bit for bit, the others to rounding |
@@ -108,21 +109,21 @@ pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
 
 /// Writes a scene, atomically, in the format of the file's extension: `.ply`, `.splat`, `.spz`,
 /// `.rad`, `.gltf`, `.glb` or `.sog`; or as a SOG in a folder for the name `meta.json`, which is written
-/// after the images; or with levels of detail as a streamed SOG for the name `lod-meta.json`, whose
-/// folder, which need not exist, gets its `lod-meta.json` last. Infinite opacity logits are written as
+/// after the images; or with levels of detail as a streamed SOG for the name `lod-meta.json`, or as 3D Tiles for
+/// `tileset.json`, whose folder, which need not exist, gets this file last. Infinite opacity logits are written as
 /// finite ones with the same picture.
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails,
 /// or a quaternion is too short to be a rotation and the format needs one; [`Error::Unusable`] for no
-/// Gaussians, or too many for the format; those of [`write_durably`], and for a streamed SOG those of
+/// Gaussians, or too many for the format; those of [`write_durably`], and for levels of detail those of
 /// [`FolderClaim::begin`](crate::FolderClaim::begin).
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
     match Format3d::to_write(path) {
         Some(Format3d::Ply) => return write_parts_3d(path, scene.len(), options, [Ok::<_, Error>(scene)]),
         #[cfg(feature = "write")]
-        Some(Format3d::StreamedSog) => return streamed::write(path, scene, options),
+        Some(format) if streamed::writes_levels(format) => return streamed::write(path, format, scene, options),
         _ => {}
     }
     let Encoded3d { bytes, beside, written } = encode_3d(path, scene, options)?;

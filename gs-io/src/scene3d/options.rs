@@ -17,6 +17,8 @@ pub struct WriteOptions3d {
     pub coordinates: Coordinates,
     /// The version of an SPZ.
     pub spz_version: SpzVersion,
+    /// The EPSG code of the world's coordinates, which places 3D Tiles on the globe: 4978 for ECEF, or a zone of UTM.
+    pub epsg: Option<u16>,
 }
 
 gs_core::impl_with!(WriteOptions3d);

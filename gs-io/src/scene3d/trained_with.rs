@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | PLY, compressed PLY | comment `gs antialias: NAME`; read as well: `SplatRenderMode: mip` or `default` (Brush, PlayCanvas), `antialiased 1` or `0` (Postshot) | comment `gs order: NAME` | comment `gs frame: origin X Y Z unit U` |
 //! | SPZ | flag 1 | – | – |
-//! | glTF | `extras.gs.antialias` of the primitive | `extras.gs.order` of the primitive | `extras.gs.frame` of the primitive |
+//! | glTF, 3D Tiles | `extras.gs.antialias` of the primitive | `extras.gs.order` of the primitive | `extras.gs.frame` of the primitive |
 //! | SOG, streamed SOG | `antialias` | – | – |
 //! | `.splat`, `.ksplat` | – | – | – |
 //!

@@ -227,6 +227,16 @@ fn gltf_that_points_outside() {
             serde_json::json!({ "extensions": { "KHR_gaussian_splatting_compression_spz_2": {} } }),
             "the compression KHR_gaussian_splatting_compression_spz_2",
         ),
+        (
+            splatting,
+            serde_json::json!({ "extensions": { "KHR_gaussian_splatting_compression_spz_2": { "bufferView": 99 } } }),
+            "a buffer view that there is in KHR_gaussian_splatting_compression_spz_2",
+        ),
+        (
+            splatting,
+            serde_json::json!({ "extensions": { "KHR_gaussian_splatting_compression_spz_2": { "bufferView": 0 } } }),
+            "the SPZ in a glTF",
+        ),
         ("/meshes/0/primitives", serde_json::json!([]), "a glTF without KHR_gaussian_splatting"),
         ("/accessors", serde_json::json!("none"), "the JSON of a glTF"),
     ] {

@@ -9,4 +9,5 @@ mod real_files;
 mod round_trips;
 mod samples;
 mod streamed;
+mod tiles;
 mod world;

@@ -37,6 +37,13 @@ pub(crate) fn written(name: &str, scene: &Scene3d, options: &WriteOptions3d) -> 
     fs::read(path).unwrap()
 }
 
+/// The `.glb` of a small scene's only tile, whose Gaussians are an SPZ.
+fn tile(scene: &Scene3d) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    write_3d(folder.path().join("tileset.json"), scene, &WriteOptions3d::default()).unwrap();
+    fs::read(folder.path().join("0_0.glb")).unwrap()
+}
+
 pub(crate) fn spz(version: SpzVersion) -> WriteOptions3d {
     WriteOptions3d::default().with(|s| s.spz_version = version)
 }
@@ -288,5 +295,6 @@ pub(crate) fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("2.ksplat", ksplat(2)),
         ("a.gltf", written("a.gltf", &small, &options)),
         ("a.glb", written("a.glb", &small, &options)),
+        ("tile.glb", tile(&small)),
     ]
 }

@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 /// Gaussians on a wavy square of about 40 by 40, more than a cell has.
-fn city(count: usize) -> Scene3d {
+pub(crate) fn city(count: usize) -> Scene3d {
     let gaussian = |i: usize| {
         let t = i as f32;
         let (x, y) = ((t * 0.618_034).fract() * 40.0, (t * 0.754_877_7).fract() * 40.0);
@@ -41,7 +41,7 @@ fn written(count: usize) -> (TempDir, PathBuf, Scene3d) {
     (place, path, scene)
 }
 
-fn json_of(path: &Path) -> Value {
+pub(crate) fn json_of(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 

@@ -228,8 +228,9 @@ class Scene3d:
 
         ``.ply`` keeps the scene without loss. ``.gltf`` and ``.glb`` keep it but for rounding.
         ``.spz`` and ``.sog`` are compressed with loss; a SOG can also be a folder of files, named
-        by its ``meta.json``, or with levels of detail, named ``lod-meta.json``. ``.splat`` has no
-        SH above degree 0, and does not say with which antialiasing the scene was trained.
+        by its ``meta.json``, or with levels of detail, named ``lod-meta.json``, or
+        ``tileset.json`` for 3D Tiles. ``.splat`` has no SH above degree 0, and does not say with
+        which antialiasing the scene was trained.
 
         :raises OSError: for a file that cannot be written, or another ending.
         """

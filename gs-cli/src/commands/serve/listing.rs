@@ -100,7 +100,7 @@ fn newest_scene(folder: &Path) -> Option<PathBuf> {
 fn is_scene(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     // The page does not fetch the images of a SOG in a folder.
-    let is_written = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder));
+    let is_written = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder | Format3d::Tiles3d));
     is_written || ["ksplat", GSI_EXTENSION, "safetensors", "ply"].contains(&ending.as_str())
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     buffers::Buffers,
-    document::{Accessor, Document},
+    document::{Accessor, BufferView, Document},
 };
 use crate::{
     error::Error,
@@ -31,6 +31,8 @@ fn largest(accessor: &Accessor) -> Option<u16> {
         _ => None,
     }
 }
+
+const OUTSIDE: &str = "one that points outside";
 
 /// Reads accessors.
 #[derive(Debug)]
@@ -70,14 +72,7 @@ impl Accessors<'_> {
             let what = format!("an accessor that is sparse or has no buffer, {name},");
             return Err(Error::unsupported(self.source.path, what, "export it with plain accessors"));
         };
-        let view =
-            self.document.buffer_views.get(view).ok_or_else(|| bad("a buffer view that there is", view.to_string()))?;
-        let buffer =
-            self.buffers.get(view.buffer).ok_or_else(|| bad("a buffer that there is", view.buffer.to_string()))?;
-        let outside = |what: &str| bad(&format!("{what} within its bounds"), "one that points outside".to_owned());
-        let part = range(view.byte_offset, view.byte_length)
-            .and_then(|range| buffer.get(range))
-            .ok_or_else(|| outside("a buffer view"))?;
+        let (view, part) = self.view(view, name)?;
         let row_bytes = (N * component.bytes()) as u64;
         let stride = view.byte_stride.unwrap_or(row_bytes);
         if stride < row_bytes {
@@ -89,7 +84,7 @@ impl Accessors<'_> {
             .and_then(|len| len.checked_add(row_bytes))
             .and_then(|len| range(accessor.byte_offset, len))
             .and_then(|range| part.get(range))
-            .ok_or_else(|| outside("an accessor"))?;
+            .ok_or_else(|| bad("an accessor within its bounds", OUTSIDE.to_owned()))?;
         let largest = largest(accessor).map(f32::from);
         let value = |bytes: &[u8]| {
             let value = component.decode::<true>(bytes) as f32;
@@ -97,6 +92,17 @@ impl Accessors<'_> {
         };
         let row = |row: &[u8]| std::array::from_fn(|k| value(&row[k * component.bytes()..]));
         Ok(bytes.chunks(stride as usize).map(row).collect())
+    }
+
+    /// A buffer view, and its bytes; `name` is for messages.
+    pub(super) fn view(&self, number: usize, name: &str) -> Result<(&BufferView, &[u8]), Error> {
+        let bad = |expected: &str, found: String| self.source.damaged(0, format!("{expected} in {name}"), found);
+        let view = self.document.buffer_views.get(number);
+        let view = view.ok_or_else(|| bad("a buffer view that there is", number.to_string()))?;
+        let buffer =
+            self.buffers.get(view.buffer).ok_or_else(|| bad("a buffer that there is", view.buffer.to_string()))?;
+        let part = range(view.byte_offset, view.byte_length).and_then(|range| buffer.get(range));
+        Ok((view, part.ok_or_else(|| bad("a buffer view within its bounds", OUTSIDE.to_owned()))?))
     }
 
     fn accessor(&self, number: usize) -> Result<&Accessor, Error> {

@@ -10,6 +10,9 @@ use serde::Deserialize;
 /// The name of the extension, with which its attributes begin.
 pub(super) const EXTENSION: &str = "KHR_gaussian_splatting";
 
+/// The name of its extension for an SPZ in place of the attributes' values.
+pub(super) const SPZ_EXTENSION: &str = "KHR_gaussian_splatting_compression_spz_2";
+
 /// A document; other members are ignored.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
@@ -84,6 +87,13 @@ pub(super) struct Splatting {
     pub(super) color_space: Option<String>,
     /// Extensions of the extension, for example a compression.
     pub(super) extensions: BTreeMap<String, serde_json::Value>,
+}
+
+impl Splatting {
+    /// The buffer view of the SPZ that has the Gaussians, if one has them.
+    pub(super) fn spz(&self) -> Option<usize> {
+        self.extensions.get(SPZ_EXTENSION)?["bufferView"].as_u64()?.try_into().ok()
+    }
 }
 
 impl Primitive {

@@ -8,8 +8,13 @@
 //! glTF has y up and z forward; scenes here have y down and z forward, as in COLMAP, so x and y are
 //! negated.
 //!
+//! In place of values, a primitive may have an SPZ (`KHR_gaussian_splatting_compression_spz_2`). Its
+//! coordinates are taken as those of the glTF, as CesiumJS takes them, although the draft of that extension
+//! asks for the axes of SPZ files; the two differ by half a turn around y.
+//!
 //! *Source:* Khronos, KHR_gaussian_splatting, ratified. Drafts of it had logarithms as scales; a
-//!   file with a scale below 0, which the ratified text forbids, is read as a draft.
+//!   file with a scale below 0, which the ratified text forbids, is read as a draft. CesiumJS 1.145,
+//!   `GaussianSplat3DTileContent`, `GltfSpzLoader`, and pull request 2531 of KhronosGroup/glTF, for the SPZ.
 
 mod accessor;
 mod buffers;
@@ -21,17 +26,20 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use gs_core::Scene3d;
 
 pub(crate) use self::write::encode;
+#[cfg(feature = "write")]
+pub(crate) use self::write::{TILE_EXTENSIONS, encode_spz};
 use self::{
     accessor::Accessors,
     buffers::Buffers,
-    document::{Document, EXTENSION, Primitive, Splatting},
+    document::{Document, EXTENSION, Primitive, SPZ_EXTENSION, Splatting},
 };
 use super::{
     File3d, Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
     foreign,
     source::Source,
-    values::{Flips, MAX_DEGREE, log_of_scale, logit_of_opacity, logit_of_step, transform},
+    spz,
+    values::{Flips, MAX_DEGREE, log_of_scale, logit_of_opacity, logit_of_step, scale_of_log, transform},
 };
 use crate::{WorldFrame, error::Error};
 
@@ -42,8 +50,8 @@ const AXES: [f32; 3] = [-1.0, -1.0, 1.0];
 const SRGB: &str = "srgb_rec709_display";
 const LINEAR: &str = "lin_rec709_display";
 
-/// Required extensions that are supported: ours, and integers as components.
-const HARMLESS: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
+/// Required extensions that are supported: ours, SPZ in it, and integers as components.
+const HARMLESS: [&str; 3] = [EXTENSION, SPZ_EXTENSION, "KHR_mesh_quantization"];
 
 /// Whether a file starts like a `.glb` or a `.gltf`, which is JSON.
 pub(crate) fn recognises(start: &[u8]) -> bool {
@@ -196,14 +204,20 @@ struct Part {
 fn read_part(accessors: &Accessors<'_>, place: &Place<'_>) -> Result<Part, Error> {
     let source = accessors.source;
     let attributes = &place.primitive.attributes;
-    if let Some(name) = place.splatting.extensions.keys().find(|name| name.contains("compression")) {
-        return Err(unsupported(source, format!("the compression {name}")));
-    }
     let linear_light = match place.splatting.color_space.as_deref() {
         None | Some(SRGB) => false,
         Some(LINEAR) => true,
         Some(other) => return Err(unsupported(source, format!("the colour space {other:?}"))),
     };
+    if let Some(view) = place.splatting.spz() {
+        let source = Source { what: "the SPZ in a glTF", bytes: accessors.view(view, SPZ_EXTENSION)?.1, ..*source };
+        let scene = spz::read_with_axes(&source, Format3d::Spz, Flips::new([1.0; 3]))?.scene;
+        let scales = scene.log_scales.iter().map(|log| log.to_array().map(scale_of_log)).collect();
+        return Ok(Part { scene, scales, linear_light });
+    }
+    if let Some(name) = place.splatting.extensions.keys().find(|name| name.contains("compression")) {
+        return Err(unsupported(source, format!("the compression {name}")));
+    }
     let named = |name: &str| -> Result<usize, Error> {
         attributes.get(name).copied().ok_or_else(|| source.damaged(0, format!("an attribute {name}"), "none"))
     };

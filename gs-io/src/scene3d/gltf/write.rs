@@ -1,22 +1,26 @@
-//! Writes glTF: a primitive of points whose attributes are floats in one buffer.
+//! Writes glTF: a primitive of points whose attributes are floats in one buffer, or an SPZ.
 
 use std::path::Path;
 
 use base64::{Engine, engine::general_purpose::STANDARD};
+#[cfg(feature = "write")]
+use glam::Mat4;
+use glam::Vec3;
 use gs_core::{Scene, Scene3d};
 use serde_json::{Value, json};
 
 use super::{
     SRGB, axes,
     buffers::{BINARY_CHUNK, GLB_MAGIC, GLB_VERSION, JSON_CHUNK},
-    document::EXTENSION,
+    document::{EXTENSION, SPZ_EXTENSION},
 };
 use crate::{
     error::Error,
     scene3d::{
-        Encoded3d, Format3d,
+        Encoded3d, Format3d, SpzVersion,
         conversion_loss::ConversionLoss,
         options::ToWrite,
+        spz,
         values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
@@ -24,7 +28,9 @@ use crate::{
 /// Encodes a scene, with the buffer of a `.gltf` inside.
 pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) -> Result<Encoded3d, Error> {
     let rotations = UnitRotations::new(scene, path)?;
-    let (mut json, buffer) = document(scene, &rotations);
+    let pieces = attributes(scene, &rotations);
+    let Pieces { buffer, .. } = &pieces;
+    let mut json = document(&pieces, splatting());
     if let Some(frame) = options.world() {
         json["nodes"][0]["translation"] = json!((frame.origin * super::signs()).to_array());
         json["nodes"][0]["scale"] = json!([frame.unit, frame.unit, frame.unit]);
@@ -38,22 +44,51 @@ pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) ->
     ];
     losses.extend(rotations.loss());
     if format == Format3d::Glb {
-        return Ok(Encoded3d::of(format, binary(path, &json, &buffer)?, losses));
+        return Ok(Encoded3d::of(format, binary(path, &json, buffer)?, losses));
     }
-    json["buffers"][0]["uri"] = format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)).into();
+    json["buffers"][0]["uri"] = format!("data:application/octet-stream;base64,{}", STANDARD.encode(buffer)).into();
     Ok(Encoded3d::of(format, json.to_string().into_bytes(), losses))
 }
 
-/// The JSON, without a uri for its buffer, and the buffer.
-fn document(scene: &Scene3d, rotations: &UnitRotations<'_>) -> (Value, Vec<u8>) {
+/// Encodes a scene as a `.glb` whose buffer is an SPZ of version 3 with the axes of glTF, as CesiumJS reads it.
+///
+/// The node moves the middle of the means from the origin, so that 24 bits are enough for their differences. It has a
+/// matrix, the SPZ is the first buffer view, and the attributes only say what the SPZ has, because CesiumJS expects this.
+#[cfg(feature = "write")]
+pub(crate) fn encode_spz(to: &ToWrite<'_>) -> Result<Encoded3d, Error> {
+    let options = to.options.with(|s| s.spz_version = SpzVersion::V3);
+    let (low, high) = range(to.scene.means.iter().copied());
+    let middle = low.midpoint(high);
+    let mut scene = to.scene.clone();
+    scene.means.iter_mut().for_each(|mean| *mean -= middle);
+    let (buffer, losses) = spz::encode_part(&ToWrite { options: &options, scene: &scene, ..*to }, axes())?;
+    let view = json!({ "buffer": 0, "byteLength": buffer.len() });
+    let mut pieces = Pieces { count: to.scene.len(), buffer, views: vec![view], ..Pieces::default() };
+    pieces.declare("POSITION", FLOAT, "VEC3");
+    pieces.set_range(&scene);
+    pieces.declare("COLOR_0", UNSIGNED_BYTE, "VEC4");
+    pieces.accessors[1]["normalized"] = true.into();
+    pieces.declare("ROTATION", FLOAT, "VEC4");
+    pieces.declare("SCALE", FLOAT, "VEC3");
+    coefficients(to.scene.sh_degree).skip(1).for_each(|name| pieces.declare(&name, FLOAT, "VEC3"));
+    let mut splatting = splatting();
+    splatting["extensions"] = json!({ SPZ_EXTENSION: { "bufferView": 0 } });
+    let mut json = document(&pieces, splatting);
+    json["nodes"][0]["matrix"] = json!(Mat4::from_translation(axes().mean(middle)).to_cols_array());
+    json["extensionsUsed"] = json!(TILE_EXTENSIONS);
+    json["extensionsRequired"] = json!(TILE_EXTENSIONS);
+    if let Some(extras) = options.trained_with.extras() {
+        json["meshes"][0]["primitives"][0]["extras"] = extras;
+    }
+    Ok(Encoded3d::of(to.format, binary(to.path, &json, &pieces.buffer)?, losses))
+}
+
+/// The attributes of a scene, with their values.
+fn attributes(scene: &Scene3d, rotations: &UnitRotations<'_>) -> Pieces {
     let (count, len) = (scene.len(), scene.sh_len());
     let mut pieces = Pieces { count, ..Pieces::default() };
-    let means = scene.means.iter().map(|&mean| axes().mean(mean));
-    pieces.add("POSITION", means.clone().map(|mean| mean.to_array()));
-    let first = scene.means.first().map_or_else(Default::default, |&mean| axes().mean(mean));
-    let (low, high) = means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)));
-    pieces.accessors[0]["min"] = json!(low.to_array());
-    pieces.accessors[0]["max"] = json!(high.to_array());
+    pieces.add("POSITION", scene.means.iter().map(|&mean| axes().mean(mean).to_array()));
+    pieces.set_range(scene);
     let xyzw = |i: usize| {
         let [w, x, y, z] = axes().rotation(rotations.get(i));
         [x, y, z, w]
@@ -61,16 +96,27 @@ fn document(scene: &Scene3d, rotations: &UnitRotations<'_>) -> (Value, Vec<u8>) 
     pieces.add("ROTATION", (0..count).map(xyzw));
     pieces.add("SCALE", scene.log_scales.iter().map(|log| log.to_array().map(scale_of_log)));
     pieces.add("OPACITY", scene.opacity_logits.iter().map(|&logit| [opacity_of_logit(logit)]));
-    let names = (0..=scene.sh_degree).flat_map(|l| (0..=2 * l).map(move |n| format!("SH_DEGREE_{l}_COEF_{n}")));
-    for (k, name) in names.enumerate() {
+    for (k, name) in coefficients(scene.sh_degree).enumerate() {
         let sign = axes().sign_of_coefficient(k);
         pieces.add(&name, scene.sh.iter().skip(k).step_by(len).map(|c| (*c * sign).to_array()));
     }
-    let splatting = json!({
-        "kernel": "ellipse", "colorSpace": SRGB, "projection": "perspective", "sortingMethod": "cameraDistance"
-    });
+    pieces
+}
+
+/// The names of the coefficients up to a degree.
+fn coefficients(sh_degree: u8) -> impl Iterator<Item = String> {
+    (0..=sh_degree).flat_map(|l| (0..=2 * l).map(move |n| format!("SH_DEGREE_{l}_COEF_{n}")))
+}
+
+/// The extension's object in a primitive.
+fn splatting() -> Value {
+    json!({ "kernel": "ellipse", "colorSpace": SRGB, "projection": "perspective", "sortingMethod": "cameraDistance" })
+}
+
+/// The JSON, without a uri for its buffer.
+fn document(pieces: &Pieces, splatting: Value) -> Value {
     const POINTS: u8 = 0;
-    let json = json!({
+    json!({
         "asset": { "version": "2.0", "generator": concat!("gs ", env!("CARGO_PKG_VERSION")) },
         "extensionsUsed": [EXTENSION],
         "scene": 0,
@@ -82,9 +128,16 @@ fn document(scene: &Scene3d, rotations: &UnitRotations<'_>) -> (Value, Vec<u8>) 
         "accessors": pieces.accessors,
         "bufferViews": pieces.views,
         "buffers": [{ "byteLength": pieces.buffer.len() }],
-    });
-    (json, pieces.buffer)
+    })
 }
+
+/// The extensions of a `.glb` that [`encode_spz`] makes.
+#[cfg(feature = "write")]
+pub(crate) const TILE_EXTENSIONS: [&str; 2] = [EXTENSION, SPZ_EXTENSION];
+
+#[cfg(feature = "write")]
+const UNSIGNED_BYTE: u32 = 5121;
+const FLOAT: u32 = 5126;
 
 /// The attributes in sequence.
 #[derive(Default)]
@@ -98,7 +151,6 @@ struct Pieces {
 
 impl Pieces {
     fn add<const N: usize>(&mut self, name: &str, rows: impl Iterator<Item = [f32; N]>) {
-        const FLOAT: u32 = 5126;
         let start = self.buffer.len();
         rows.flatten().for_each(|value| self.buffer.extend(value.to_le_bytes()));
         let kind = match N {
@@ -106,12 +158,33 @@ impl Pieces {
             3 => "VEC3",
             _ => "VEC4",
         };
-        let name = if name == "POSITION" { name.to_owned() } else { format!("{EXTENSION}:{name}") };
-        let number = self.accessors.len();
-        self.attributes.insert(name, json!(number));
-        self.accessors.push(json!({ "bufferView": number, "componentType": FLOAT, "count": self.count, "type": kind }));
+        self.declare(name, FLOAT, kind);
+        if let Some(accessor) = self.accessors.last_mut() {
+            accessor["bufferView"] = self.views.len().into();
+        }
         self.views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": self.buffer.len() - start }));
     }
+
+    /// An attribute without values.
+    fn declare(&mut self, name: &str, component: u32, kind: &str) {
+        let is_of_gltf = matches!(name, "POSITION" | "COLOR_0");
+        let name = if is_of_gltf { name.to_owned() } else { format!("{EXTENSION}:{name}") };
+        self.attributes.insert(name, json!(self.accessors.len()));
+        self.accessors.push(json!({ "componentType": component, "count": self.count, "type": kind }));
+    }
+
+    /// Adds the smallest and the largest coordinates to the first attribute, POSITION.
+    fn set_range(&mut self, scene: &Scene3d) {
+        let (low, high) = range(scene.means.iter().map(|&mean| axes().mean(mean)));
+        self.accessors[0]["min"] = json!(low.to_array());
+        self.accessors[0]["max"] = json!(high.to_array());
+    }
+}
+
+/// The smallest and the largest coordinates.
+fn range(mut means: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
+    let first = means.next().unwrap_or_default();
+    means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)))
 }
 
 /// A `.glb` of two chunks, each padded to a multiple of four bytes.

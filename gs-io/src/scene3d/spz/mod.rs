@@ -32,6 +32,11 @@ const AXES: Flips = Flips::new([1.0, -1.0, -1.0]);
 
 /// Reads a scene.
 pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
+    read_with_axes(source, format, AXES)
+}
+
+/// Reads a scene from a file whose axes are ours but for these flips, if it does not say otherwise.
+pub(crate) fn read_with_axes(source: &Source<'_>, format: Format3d, axes: Flips) -> Result<File3d, Error> {
     let packed = container::read(source)?;
     let head = packed.head;
     let streams = packed.streams();
@@ -53,7 +58,7 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
         scene.sh.extend(rest.as_chunks::<3>().0.iter().map(|c| glam::Vec3::from(c.map(quantum::sh_of_byte))));
     }
     match packed.extensions.iter().find_map(Extension::axes) {
-        None => AXES.apply(&mut scene),
+        None => axes.apply(&mut scene),
         Some(axes) => _ = transform(&mut scene, &DAffine3::from_mat3(axes)),
     }
     let losses = Vec::from_iter(ConversionLoss::of_degree(head.degree, degree));
@@ -62,12 +67,26 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
 }
 
 /// Encodes a scene.
-pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) -> Result<Encoded3d, Error> {
+pub(crate) fn encode(to: &ToWrite<'_>) -> Result<Encoded3d, Error> {
+    let (bytes, mut losses) = encode_with(to, AXES, FractionalBits::USUAL)?;
+    let trained_with = to.options.trained_with;
+    losses.extend(trained_with.lost(&TrainedWith::of_spz_flag(trained_with.spz_flag())));
+    Ok(Encoded3d::of(to.format, bytes, losses))
+}
+
+/// Encodes a scene as an SPZ that is a part of another file: with axes that are ours but for these flips, and with means
+/// as exact as there is room for. Returns it, and what is lost of the Gaussians.
+pub(crate) fn encode_part(to: &ToWrite<'_>, axes: Flips) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
+    encode_with(to, axes, FractionalBits::MOST)
+}
+
+fn encode_with(to: &ToWrite<'_>, axes: Flips, most: u8) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
+    let &ToWrite { path, scene, options, .. } = to;
     let rotations = UnitRotations::new(scene, path)?;
     let WriteOptions3d { spz_version, trained_with, .. } = *options;
     let too_many = |_| Error::unsupported(path, format!("an SPZ of {} Gaussians", scene.len()), "write a PLY");
     let count = u32::try_from(scene.len()).map_err(too_many)?;
-    let fraction = FractionalBits::for_means(&scene.means);
+    let fraction = FractionalBits::for_means(&scene.means, most);
     let mut packing = quantum::Packing::new(fraction);
     let rest = scene.sh_len() - 1;
     let room = |each: usize| Vec::with_capacity(each * scene.len());
@@ -80,14 +99,14 @@ pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) ->
         sh: room(3 * rest),
     };
     for i in 0..scene.len() {
-        streams.positions.extend(packing.position(AXES.mean(scene.means[i])));
+        streams.positions.extend(packing.position(axes.mean(scene.means[i])));
         streams.opacities.push(byte_of_logit(scene.opacity_logits[i]));
         streams.scales.extend(packing.log_scale(scene.log_scales[i]));
-        streams.rotations.extend(packing.rotation(AXES.rotation(rotations.get(i))));
+        streams.rotations.extend(packing.rotation(axes.rotation(rotations.get(i))));
         let coefficients = &scene.sh[i * scene.sh_len()..][..rest + 1];
         streams.colors.extend(packing.color(coefficients[0]));
         for (k, &c) in coefficients.iter().enumerate().skip(1) {
-            streams.sh.extend(packing.sh(k, c * AXES.sign_of_coefficient(k)));
+            streams.sh.extend(packing.sh(k, c * axes.sign_of_coefficient(k)));
         }
     }
     let version = match spz_version {
@@ -97,7 +116,5 @@ pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) ->
     let antialiased = trained_with.spz_flag();
     let head = Head { version, count, degree: scene.sh_degree, fraction, antialiased };
     let bytes = container::write(&head, &streams).map_err(|source| Error::write(path, source))?;
-    let mut losses = packing.losses(scene, &rotations);
-    losses.extend(trained_with.lost(&TrainedWith::of_spz_flag(antialiased)));
-    Ok(Encoded3d::of(format, bytes, losses))
+    Ok((bytes, packing.losses(scene, &rotations)))
 }

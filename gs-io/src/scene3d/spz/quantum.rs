@@ -34,18 +34,21 @@ pub(super) struct FractionalBits(u8);
 impl FractionalBits {
     /// The number that other writers always use: steps of a quarter of a millimetre if units are
     /// metres.
-    const USUAL: u8 = 12;
+    pub(super) const USUAL: u8 = 12;
+
+    /// The largest number.
+    pub(super) const MOST: u8 = 23;
 
     /// The number in a file; `None` if there are not this many bits.
     pub(super) fn new(bits: u8) -> Option<Self> {
-        (bits <= 23).then_some(Self(bits))
+        (bits <= Self::MOST).then_some(Self(bits))
     }
 
-    /// The largest number, at most 12, that leaves room for these means, which are in the range of SPZ.
-    pub(super) fn for_means(means: &[Vec3]) -> Self {
+    /// The largest number, at most `most`, that leaves room for these means, which are in the range of SPZ.
+    pub(super) fn for_means(means: &[Vec3], most: u8) -> Self {
         let farthest = means.iter().fold(0.0, |far: f32, m| far.max(m.abs().max_element()));
         let fits = |bits: u8| (f64::from(farthest) * f64::from(1_u32 << bits)).round() <= f64::from((1 << 23) - 1);
-        Self((0..=Self::USUAL).rev().find(|&bits| fits(bits)).unwrap_or(0))
+        Self((0..=most).rev().find(|&bits| fits(bits)).unwrap_or(0))
     }
 
     /// The number of bits.
@@ -200,7 +203,7 @@ mod tests {
     use super::*;
 
     fn packing(means: &[Vec3]) -> Packing {
-        Packing::new(FractionalBits::for_means(means))
+        Packing::new(FractionalBits::for_means(means, FractionalBits::USUAL))
     }
 
     #[test]
@@ -246,7 +249,7 @@ mod tests {
 
     #[test]
     fn large_scenes_get_fewer_fractional_bits() {
-        let bits = |x| FractionalBits::for_means(&[Vec3::X * x]).get();
+        let bits = |x| FractionalBits::for_means(&[Vec3::X * x], FractionalBits::USUAL).get();
         assert_eq!([bits(2047.9), bits(2048.0), bits(8e6), bits(8_388_607.0)], [12, 11, 0, 0]);
         assert_eq!(FractionalBits::new(24), None);
     }

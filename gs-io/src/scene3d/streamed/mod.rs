@@ -11,11 +11,15 @@
 //! *Source:* PlayCanvas, "The Streamed SOG format", version 1; checked against
 //! `@playcanvas/splat-transform`.
 
+#[cfg(feature = "write")]
+mod layout;
 mod levels;
 mod meta;
 #[cfg(feature = "write")]
 mod plan;
 mod transition;
+#[cfg(feature = "write")]
+mod tiles;
 #[cfg(feature = "write")]
 mod write;
 
@@ -32,9 +36,9 @@ use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
 pub(super) use self::plan::{CELL, Plan};
 #[cfg(feature = "write")]
-pub(super) use self::write::write;
-#[cfg(feature = "write")]
 pub use self::write::write_levels_of_parts_3d;
+#[cfg(feature = "write")]
+pub(super) use self::write::{write, writes_levels};
 use super::{
     ConversionLoss, File3d, Format3d, TrainedWith, checked,
     source::{FilesInMemory, Source},
@@ -216,12 +220,12 @@ fn part(scene: &Scene3d, run: Run) -> Scene3d {
     }
 }
 
-/// The files of chunks that are in the folder of a `lod-meta.json`.
+/// The files of chunks that are in the folder of a `lod-meta.json`, or of a `tileset.json`.
 pub(super) fn chunk_files(path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let entries = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let chunks = entries(folder).filter(|path| path.file_name().and_then(|n| n.to_str()).is_some_and(is_chunk));
-    chunks.flat_map(|chunk| entries(&chunk)).collect()
+    let chunks = entries(folder).filter(|path| path.file_stem().and_then(|n| n.to_str()).is_some_and(is_chunk));
+    chunks.flat_map(|chunk| if chunk.is_dir() { entries(&chunk).collect() } else { vec![chunk] }).collect()
 }
 
 /// Whether a folder has the name of a chunk: level, underscore, number.

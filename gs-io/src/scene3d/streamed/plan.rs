@@ -4,14 +4,20 @@ use std::ops::Range;
 
 use gs_core::Bounds;
 
-use super::meta::{LodMeta, Node, Run, VERSION, WORLD};
-use crate::scene3d::sog;
+use super::{
+    layout::Layout,
+    meta::{LodMeta, Node, Run, VERSION, WORLD},
+};
+use crate::{
+    error::Error,
+    scene3d::{Encoded3d, Format3d, options::ToWrite, sog},
+};
 
 /// Most Gaussians of a cell. Smaller cells fit a view better, but more merges stop at their borders.
 pub(in crate::scene3d) const CELL: usize = 1 << 13;
 
 /// Most levels of a scene; each has half the Gaussians of the one before.
-const LEVELS: usize = 7;
+pub(super) const LEVELS: usize = 7;
 
 /// Gaussians of a chunk above which no further cell is added.
 const CHUNK: usize = 1 << 18;
@@ -32,7 +38,7 @@ pub(in crate::scene3d) struct Cell {
 #[derive(Debug)]
 pub(in crate::scene3d) struct Plan {
     pub(in crate::scene3d) cells: Vec<Cell>,
-    /// Names of the chunks' folders, in the order of the files in `lod-meta.json`.
+    /// Names of the chunks, in the order of the files in `lod-meta.json`; those of the finest level begin with `0_`.
     pub(super) chunks: Vec<String>,
 }
 
@@ -75,21 +81,12 @@ impl Plan {
     }
 
     /// The lengths of the runs of a chunk.
-    pub(super) fn runs(&self, file: usize) -> Vec<usize> {
+    fn runs(&self, file: usize) -> Vec<usize> {
         self.cells.iter().flat_map(|cell| &cell.runs).filter(|run| run.file == file).map(|run| run.count).collect()
     }
 
-    /// The names of all files but `lod-meta.json`.
-    pub(super) fn names(&self, sh_degree: u8) -> impl Iterator<Item = String> {
-        let names = move |chunk: &String| {
-            let chunk = chunk.clone();
-            sog::image_names(sh_degree).iter().chain([&sog::META]).map(move |name| format!("{chunk}/{name}"))
-        };
-        self.chunks.iter().flat_map(names)
-    }
-
     /// The description of the scene, whose cells are `leaves`.
-    pub(super) fn meta(&self, leaves: Vec<Node>) -> LodMeta {
+    fn meta(&self, leaves: Vec<Node>) -> LodMeta {
         let levels = self.cells.first().map_or(0, |cell| cell.runs.len());
         let count = |level: usize| self.cells.iter().map(|cell| cell.runs[level].count as u64).sum();
         let counts: Vec<u64> = (0..levels).map(count).collect();
@@ -108,6 +105,24 @@ impl Plan {
             filenames: self.chunks.iter().map(|chunk| format!("{chunk}/{}", sog::META)).collect(),
             tree: joined(of_parts),
         }
+    }
+}
+
+impl Layout for Plan {
+    fn plan(&self) -> &Plan {
+        self
+    }
+
+    fn names(&self, chunk: &str, sh_degree: u8) -> Vec<String> {
+        [&sog::META].into_iter().chain(sog::image_names(sh_degree)).map(|name| format!("{chunk}/{name}")).collect()
+    }
+
+    fn encode(&self, file: usize, to: &ToWrite<'_>) -> Result<Encoded3d, Error> {
+        sog::encode_runs(&ToWrite { format: Format3d::SogFolder, ..*to }, &self.runs(file))
+    }
+
+    fn describe(&self, cells: Vec<Node>) -> serde_json::Result<Vec<u8>> {
+        serde_json::to_vec(&self.meta(cells))
     }
 }
 

@@ -1,28 +1,29 @@
-//! Writes a scene with levels of detail as a streamed SOG.
+//! Writes a scene with levels of detail, as a streamed SOG or as 3D Tiles.
 
-use std::{borrow::Cow, fs, io, path::Path};
+use std::{borrow::Cow, collections::BTreeSet, fs, io, path::Path};
 
 use gs_core::{Bounds, Gaussian3d, Scene, Scene3d};
 use gs_density::Level;
 use rayon::prelude::*;
 
 use super::{
-    META,
+    layout::Layout,
     meta::Node,
     plan::{CELL, Cell, Plan},
+    tiles::Tileset,
 };
 use crate::{
     FolderClaim, OutputFolder,
     atomic::write_durably,
     error::Error,
     scene3d::{
-        ConversionLoss, Encoded3d, Format3d, WriteOptions3d, Written3d, options::ToWrite, sog, values::UnitRotations,
+        ConversionLoss, Encoded3d, Format3d, WriteOptions3d, Written3d, options::ToWrite, values::UnitRotations,
         whole::writable,
     },
 };
 
-/// Takes a file of a streamed SOG: its name with `/`, and its content.
-type Sink<'a> = dyn FnMut(&str, &[u8]) -> Result<(), Error> + 'a;
+/// Takes a file: its path, and its content.
+type Sink<'a> = dyn FnMut(&Path, &[u8]) -> Result<(), Error> + 'a;
 
 /// A scene in parts.
 struct Parts<'a, E> {
@@ -33,17 +34,27 @@ struct Parts<'a, E> {
     part: &'a mut dyn FnMut(usize) -> Result<Cow<'a, Scene3d>, E>,
 }
 
-/// Writes a streamed SOG as [`write_3d`](crate::write_3d) does.
-pub(crate) fn write(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
+/// Whether a format has levels of detail in the files of a folder.
+pub(crate) fn writes_levels(format: Format3d) -> bool {
+    matches!(format, Format3d::StreamedSog | Format3d::Tiles3d)
+}
+
+/// Writes a scene with levels of detail as [`write_3d`](crate::write_3d) does.
+pub(crate) fn write(
+    path: &Path,
+    format: Format3d,
+    scene: &Scene3d,
+    options: &WriteOptions3d,
+) -> Result<Written3d, Error> {
     if scene.is_empty() {
         return Err(Error::empty(path));
     }
-    let (scene, options) = writable(path, Format3d::StreamedSog, Cow::Borrowed(scene), options)?;
+    let (scene, options) = writable(path, format, Cow::Borrowed(scene), options)?;
     let mut part = |_| Ok(Cow::Borrowed(&*scene));
-    write_all(path, Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part }, &options)
+    write_all(path, format, Parts { sh_degree: scene.sh_degree, gaussians: &[scene.len()], part: &mut part }, &options)
 }
 
-/// Writes a scene that is never in memory as a whole as a streamed SOG: a tree of levels of detail for each of its
+/// Writes a scene that is never in memory as a whole as a streamed SOG or as 3D Tiles: a tree of levels of detail for each of its
 /// parts, and one tree above them. `gaussians` are the numbers of Gaussians of the parts; `part` gives each of them once,
 /// in their order, with this SH degree.
 ///
@@ -60,38 +71,48 @@ pub fn write_levels_of_parts_3d<E: From<Error>>(
     mut part: impl FnMut(usize) -> Result<Scene3d, E>,
 ) -> Result<Written3d, E> {
     let path = path.as_ref();
-    if Format3d::to_write(path) != Some(Format3d::StreamedSog) {
+    let Some(format) = Format3d::to_write(path).filter(|format| writes_levels(*format)) else {
         return Err(Format3d::unknown_ending(path).into());
-    }
+    };
     if gaussians.iter().all(|gaussians| *gaussians == 0) {
         return Err(Error::empty(path).into());
     }
-    let writable = |scene| writable(path, Format3d::StreamedSog, Cow::Owned(scene), options);
+    let writable = |scene| writable(path, format, Cow::Owned(scene), options);
     // Refuses what no scene may have, before anything is written.
     let (_, of_all) = writable(Scene3d::default())?;
     let mut part = |number| Ok(writable(part(number)?)?.0);
-    write_all(path, Parts { sh_degree, gaussians, part: &mut part }, &of_all)
+    write_all(path, format, Parts { sh_degree, gaussians, part: &mut part }, &of_all)
 }
 
-/// Writes all chunks into a temporary folder, and when they are complete, into their places, `lod-meta.json` last.
-fn write_all<E: From<Error>>(path: &Path, parts: Parts<'_, E>, options: &WriteOptions3d) -> Result<Written3d, E> {
-    let plan = Plan::of(parts.gaussians);
+/// Writes all chunks into a temporary folder, and when they are complete, into their places, the file that describes
+/// them last.
+fn write_all<E: From<Error>>(
+    path: &Path,
+    format: Format3d,
+    parts: Parts<'_, E>,
+    options: &WriteOptions3d,
+) -> Result<Written3d, E> {
+    let layout: &dyn Layout = match format {
+        Format3d::Tiles3d => &Tileset::of(parts.gaussians, path, options)?,
+        _ => &Plan::of(parts.gaussians),
+    };
+    let names = layout.plan().chunks.iter().flat_map(|chunk| layout.names(chunk, parts.sh_degree));
+    let names: Vec<String> = names.chain([format.row().ending.unwrap_or_default().to_owned()]).collect();
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let names: Vec<String> = plan.names(parts.sh_degree).chain([META.to_owned()]).collect();
     let is_new = !folder.exists();
     let folder = FolderClaim::new(folder, names.iter().cloned()).begin()?;
-    let losses = write_into(&folder, &plan, &names, parts, options).inspect_err(|_| {
+    let losses = write_into(&folder, layout, &names, parts, options).inspect_err(|_| {
         if is_new {
             folder.discard();
         }
     })?;
     let beside = names[..names.len() - 1].iter().map(|name| folder.path().join(name)).collect();
-    Ok(Written3d { format: Format3d::StreamedSog, losses, beside, order: None })
+    Ok(Written3d { format, losses, beside, order: None })
 }
 
 fn write_into<E: From<Error>>(
     folder: &OutputFolder,
-    plan: &Plan,
+    layout: &dyn Layout,
     names: &[String],
     parts: Parts<'_, E>,
     options: &WriteOptions3d,
@@ -99,53 +120,54 @@ fn write_into<E: From<Error>>(
     let place = folder.path();
     let failed = |error: io::Error| Error::write(place, error);
     let unfinished = folder.temporary_folder()?;
-    for chunk in &plan.chunks {
-        fs::create_dir(unfinished.path().join(chunk)).map_err(failed)?;
-    }
-    let mut write =
-        |name: &str, bytes: &[u8]| write_durably(unfinished.path().join(name), |file| file.write_all(bytes));
-    let (meta, losses) = encode_chunks(&place.join(META), plan, parts, options, &mut write)?;
-    write(META, &meta)?;
-    // Without its lod-meta.json, an older scene whose chunks are replaced is not read.
-    folder.remove(META)?;
-    for chunk in &plan.chunks {
-        fs::create_dir_all(place.join(chunk)).map_err(failed)?;
-    }
+    let make_folders = |place: &Path| {
+        let folders = names.iter().filter_map(|name| Some(name.split_once('/')?.0)).collect::<BTreeSet<_>>();
+        folders.into_iter().try_for_each(|name| fs::create_dir_all(place.join(name))).map_err(failed)
+    };
+    make_folders(unfinished.path())?;
+    let mut write = |path: &Path, bytes: &[u8]| {
+        let name = path.strip_prefix(place).expect("a file in the folder");
+        write_durably(unfinished.path().join(name), |file| file.write_all(bytes))
+    };
+    let description = names.last().expect("the file that describes the others");
+    let path = place.join(description);
+    let (content, losses) = encode_chunks(&path, layout, parts, options, &mut write)?;
+    write(&path, &content)?;
+    // Without its description, an older scene whose chunks are replaced is not read.
+    folder.remove(description)?;
+    make_folders(place)?;
     for name in names {
         fs::rename(unfinished.path().join(name), folder.file(name)).map_err(failed)?;
     }
     let old = folder.claimed("").into_iter().filter(|name| !names.contains(name));
-    for name in old.filter(|name| name.split_once('/').is_some_and(|(chunk, _)| super::is_chunk(chunk))) {
+    for name in old.filter(|name| name.split(['/', '.']).next().is_some_and(super::is_chunk)) {
         folder.remove(&name)?;
     }
     Ok(losses)
 }
 
-/// Encodes all chunks, and returns the content of `lod-meta.json` and what is lost in the finest level.
+/// Encodes all chunks, and returns the content of the file that describes them and what is lost in the finest level.
 fn encode_chunks<E: From<Error>>(
     path: &Path,
-    plan: &Plan,
+    layout: &dyn Layout,
     parts: Parts<'_, E>,
     options: &WriteOptions3d,
     sink: &mut Sink<'_>,
 ) -> Result<(Vec<u8>, Vec<ConversionLoss>), E> {
+    let plan = layout.plan();
     let mut losses: Vec<ConversionLoss> = Vec::new();
     let mut leaves = Vec::with_capacity(plan.cells.len());
     let mut chunks: Vec<Scene3d> = vec![Scene3d::default(); plan.chunks.len()];
     let mut end_chunk = |file: usize, chunk: Scene3d| {
         let name = &plan.chunks[file];
-        let meta = format!("{name}/{}", sog::META);
-        let path = path.with_file_name(&meta);
-        let to = ToWrite { format: Format3d::SogFolder, path: &path, scene: &chunk, options };
-        let Encoded3d { bytes, beside, written } = sog::encode_runs(&to, &plan.runs(file))?;
+        let path = path.with_file_name(&layout.names(name, chunk.sh_degree)[0]);
+        let to = ToWrite { format: Format3d::Glb, path: &path, scene: &chunk, options };
+        let Encoded3d { bytes, beside, written } = layout.encode(file, &to)?;
         if name.starts_with("0_") {
             ConversionLoss::merge(&mut losses, written.losses);
         }
-        for (image, bytes) in beside {
-            let image = image.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            sink(&format!("{name}/{image}"), &bytes)?;
-        }
-        sink(&meta, &bytes)
+        beside.into_iter().try_for_each(|(path, bytes)| sink(&path, &bytes))?;
+        sink(&path, &bytes)
     };
     // Enough cells for all threads; they need memory until the last of them is done.
     let at_once = 2 * rayon::current_num_threads();
@@ -174,8 +196,8 @@ fn encode_chunks<E: From<Error>>(
             }
         }
     }
-    let meta = serde_json::to_vec(&plan.meta(leaves)).map_err(|error| Error::write(path, error.into()))?;
-    Ok((meta, losses))
+    let content = layout.describe(leaves).map_err(|error| Error::write(path, error.into()))?;
+    Ok((content, losses))
 }
 
 /// All levels of a cell, the finest first.
