@@ -20,14 +20,16 @@ mod accessor;
 mod buffers;
 mod document;
 mod linear_light;
+#[cfg(feature = "write")]
+mod tile;
 mod write;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use gs_core::Scene3d;
 
-pub(crate) use self::write::encode;
 #[cfg(feature = "write")]
-pub(crate) use self::write::{TILE_EXTENSIONS, encode_spz};
+pub(crate) use self::tile::{TILE_EXTENSIONS, encode_spz};
+pub(crate) use self::write::encode;
 use self::{
     accessor::Accessors,
     buffers::Buffers,

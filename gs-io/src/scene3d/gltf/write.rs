@@ -1,10 +1,8 @@
-//! Writes glTF: a primitive of points whose attributes are floats in one buffer, or an SPZ.
+//! Writes glTF: a primitive of points whose attributes are floats in one buffer.
 
 use std::path::Path;
 
 use base64::{Engine, engine::general_purpose::STANDARD};
-#[cfg(feature = "write")]
-use glam::Mat4;
 use glam::Vec3;
 use gs_core::{Scene, Scene3d};
 use serde_json::{Value, json};
@@ -12,15 +10,14 @@ use serde_json::{Value, json};
 use super::{
     SRGB, axes,
     buffers::{BINARY_CHUNK, GLB_MAGIC, GLB_VERSION, JSON_CHUNK},
-    document::{EXTENSION, SPZ_EXTENSION},
+    document::EXTENSION,
 };
 use crate::{
     error::Error,
     scene3d::{
-        Encoded3d, Format3d, SpzVersion,
+        Encoded3d, Format3d,
         conversion_loss::ConversionLoss,
         options::ToWrite,
-        spz,
         values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
@@ -50,39 +47,6 @@ pub(crate) fn encode(&ToWrite { format, path, scene, options }: &ToWrite<'_>) ->
     Ok(Encoded3d::of(format, json.to_string().into_bytes(), losses))
 }
 
-/// Encodes a scene as a `.glb` whose buffer is an SPZ of version 3 with the axes of glTF, as CesiumJS reads it.
-///
-/// The node moves the middle of the means from the origin, so that 24 bits are enough for their differences. It has a
-/// matrix, the SPZ is the first buffer view, and the attributes only say what the SPZ has, because CesiumJS expects this.
-#[cfg(feature = "write")]
-pub(crate) fn encode_spz(to: &ToWrite<'_>) -> Result<Encoded3d, Error> {
-    let options = to.options.with(|s| s.spz_version = SpzVersion::V3);
-    let (low, high) = range(to.scene.means.iter().copied());
-    let middle = low.midpoint(high);
-    let mut scene = to.scene.clone();
-    scene.means.iter_mut().for_each(|mean| *mean -= middle);
-    let (buffer, losses) = spz::encode_part(&ToWrite { options: &options, scene: &scene, ..*to }, axes())?;
-    let view = json!({ "buffer": 0, "byteLength": buffer.len() });
-    let mut pieces = Pieces { count: to.scene.len(), buffer, views: vec![view], ..Pieces::default() };
-    pieces.declare("POSITION", FLOAT, "VEC3");
-    pieces.set_range(&scene);
-    pieces.declare("COLOR_0", UNSIGNED_BYTE, "VEC4");
-    pieces.accessors[1]["normalized"] = true.into();
-    pieces.declare("ROTATION", FLOAT, "VEC4");
-    pieces.declare("SCALE", FLOAT, "VEC3");
-    coefficients(to.scene.sh_degree).skip(1).for_each(|name| pieces.declare(&name, FLOAT, "VEC3"));
-    let mut splatting = splatting();
-    splatting["extensions"] = json!({ SPZ_EXTENSION: { "bufferView": 0 } });
-    let mut json = document(&pieces, splatting);
-    json["nodes"][0]["matrix"] = json!(Mat4::from_translation(axes().mean(middle)).to_cols_array());
-    json["extensionsUsed"] = json!(TILE_EXTENSIONS);
-    json["extensionsRequired"] = json!(TILE_EXTENSIONS);
-    if let Some(extras) = options.trained_with.extras() {
-        json["meshes"][0]["primitives"][0]["extras"] = extras;
-    }
-    Ok(Encoded3d::of(to.format, binary(to.path, &json, &pieces.buffer)?, losses))
-}
-
 /// The attributes of a scene, with their values.
 fn attributes(scene: &Scene3d, rotations: &UnitRotations<'_>) -> Pieces {
     let (count, len) = (scene.len(), scene.sh_len());
@@ -104,17 +68,17 @@ fn attributes(scene: &Scene3d, rotations: &UnitRotations<'_>) -> Pieces {
 }
 
 /// The names of the coefficients up to a degree.
-fn coefficients(sh_degree: u8) -> impl Iterator<Item = String> {
+pub(super) fn coefficients(sh_degree: u8) -> impl Iterator<Item = String> {
     (0..=sh_degree).flat_map(|l| (0..=2 * l).map(move |n| format!("SH_DEGREE_{l}_COEF_{n}")))
 }
 
 /// The extension's object in a primitive.
-fn splatting() -> Value {
+pub(super) fn splatting() -> Value {
     json!({ "kernel": "ellipse", "colorSpace": SRGB, "projection": "perspective", "sortingMethod": "cameraDistance" })
 }
 
 /// The JSON, without a uri for its buffer.
-fn document(pieces: &Pieces, splatting: Value) -> Value {
+pub(super) fn document(pieces: &Pieces, splatting: Value) -> Value {
     const POINTS: u8 = 0;
     json!({
         "asset": { "version": "2.0", "generator": concat!("gs ", env!("CARGO_PKG_VERSION")) },
@@ -131,22 +95,16 @@ fn document(pieces: &Pieces, splatting: Value) -> Value {
     })
 }
 
-/// The extensions of a `.glb` that [`encode_spz`] makes.
-#[cfg(feature = "write")]
-pub(crate) const TILE_EXTENSIONS: [&str; 2] = [EXTENSION, SPZ_EXTENSION];
-
-#[cfg(feature = "write")]
-const UNSIGNED_BYTE: u32 = 5121;
-const FLOAT: u32 = 5126;
+pub(super) const FLOAT: u32 = 5126;
 
 /// The attributes in sequence.
 #[derive(Default)]
-struct Pieces {
-    count: usize,
-    buffer: Vec<u8>,
-    attributes: serde_json::Map<String, Value>,
-    accessors: Vec<Value>,
-    views: Vec<Value>,
+pub(super) struct Pieces {
+    pub(super) count: usize,
+    pub(super) buffer: Vec<u8>,
+    pub(super) attributes: serde_json::Map<String, Value>,
+    pub(super) accessors: Vec<Value>,
+    pub(super) views: Vec<Value>,
 }
 
 impl Pieces {
@@ -166,7 +124,7 @@ impl Pieces {
     }
 
     /// An attribute without values.
-    fn declare(&mut self, name: &str, component: u32, kind: &str) {
+    pub(super) fn declare(&mut self, name: &str, component: u32, kind: &str) {
         let is_of_gltf = matches!(name, "POSITION" | "COLOR_0");
         let name = if is_of_gltf { name.to_owned() } else { format!("{EXTENSION}:{name}") };
         self.attributes.insert(name, json!(self.accessors.len()));
@@ -174,7 +132,7 @@ impl Pieces {
     }
 
     /// Adds the smallest and the largest coordinates to the first attribute, POSITION.
-    fn set_range(&mut self, scene: &Scene3d) {
+    pub(super) fn set_range(&mut self, scene: &Scene3d) {
         let (low, high) = range(scene.means.iter().map(|&mean| axes().mean(mean)));
         self.accessors[0]["min"] = json!(low.to_array());
         self.accessors[0]["max"] = json!(high.to_array());
@@ -182,13 +140,13 @@ impl Pieces {
 }
 
 /// The smallest and the largest coordinates.
-fn range(mut means: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
+pub(super) fn range(mut means: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
     let first = means.next().unwrap_or_default();
     means.fold((first, first), |(low, high), mean| (low.min(mean), high.max(mean)))
 }
 
 /// A `.glb` of two chunks, each padded to a multiple of four bytes.
-fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
+pub(super) fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() + 8 + buffer.len().next_multiple_of(4);

@@ -76,6 +76,7 @@ pub(crate) fn encode(to: &ToWrite<'_>) -> Result<Encoded3d, Error> {
 
 /// Encodes a scene as an SPZ that is a part of another file: with axes that are ours but for these flips, and with means
 /// as exact as there is room for. Returns it, and what is lost of the Gaussians.
+#[cfg(feature = "write")]
 pub(crate) fn encode_part(to: &ToWrite<'_>, axes: Flips) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
     encode_with(to, axes, FractionalBits::MOST)
 }
