@@ -38,6 +38,14 @@ impl Earth {
         Some(Self::Utm { meridian: (6.0 * f64::from(zone) - 183.0).to_radians(), northing })
     }
 
+    /// Whether this can be a place of the system: within some 200 km of the ground, or near a zone of UTM.
+    pub(crate) fn contains(&self, place: DVec3) -> bool {
+        match self {
+            Self::Ecef => (6.2e6..6.6e6).contains(&place.length()),
+            Self::Utm { .. } => (1e5..9e5).contains(&place.x) && (0.0..SOUTHERN_NORTHING).contains(&place.y),
+        }
+    }
+
     /// The map to ECEF that fits best around a place. A kilometre away from it, the curvature of the Earth is 8 cm.
     pub(crate) fn near(&self, place: DVec3) -> DAffine3 {
         let along = |axis: DVec3| (self.ecef(place + STEP * axis) - self.ecef(place - STEP * axis)) / (2.0 * STEP);

@@ -270,12 +270,19 @@ fn tiles_are_written_with_their_place_on_the_globe() {
     let place = folder();
     let path = |name: &str| place.path().join(name);
     let (first, tiles) = (ply(place.path()), path("globe/tileset.json"));
+    // The frame of a data set in UTM.
+    let (mut bytes, frame) = (fs::read(&first).unwrap(), "comment gs frame: origin 691600 5334760 520 unit 10\n");
+    let end = bytes.windows(8).position(|at| at == b"element ").unwrap();
+    bytes.splice(end..end, frame.bytes());
+    fs::write(&first, bytes).unwrap();
     let json = convert(&first, &tiles, &["--json", "--epsg", "32632"]).json();
     assert_eq!((&json["gaussians"], &json["written"]["format"]), (&10.into(), &"3D Tiles".into()));
     let tileset = || serde_json::from_slice::<serde_json::Value>(&fs::read(&tiles).unwrap()).unwrap();
     assert_eq!(tileset()["root"]["transform"].as_array().unwrap().len(), 16);
     assert_eq!(gs(["info", "--json", text(&path("globe/0_0.glb"))]).json()["gaussians"], 10);
-    convert(&first, &tiles, &[]).done();
+    assert!(!json["lost"].to_string().contains("in the world"), "{json}");
+    let lost = convert(&first, &tiles, &[]).done().stdout;
+    assert!(lost.contains("lost        where the scene is in the world: 1 unit is 10 of"), "{lost}");
     assert!(tileset()["root"]["transform"].is_null(), "the tiles that gs wrote are replaced");
 
     for scene in [&tiles, &path("globe")] {

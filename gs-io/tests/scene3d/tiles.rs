@@ -132,8 +132,11 @@ fn scenes_with_a_known_system_have_a_place_on_the_globe() {
     }
     let losses = on_the_globe(None, frame, mean).unwrap_err();
     assert!(losses.contains(&ConversionLoss::Frame(frame)), "{losses:?}");
-    let unknown = WriteOptions3d::default().with(|s| s.epsg = Some(2056));
     let place = tempfile::tempdir().unwrap();
-    let error = write_3d(place.path().join("new/tileset.json"), &city(5), &unknown).unwrap_err().to_string();
-    assert!(error.contains("EPSG:2056") && !place.path().join("new").exists(), "{error}");
+    let wrong = "which is no place in the system";
+    for (code, expected) in [(2056, "EPSG:2056"), (4978, wrong), (32632, wrong)] {
+        let options = WriteOptions3d::default().with(|s| s.epsg = Some(code));
+        let error = write_3d(place.path().join("new/tileset.json"), &city(5), &options).unwrap_err().to_string();
+        assert!(error.contains(expected) && !place.path().join("new").exists(), "{error}");
+    }
 }

@@ -1,5 +1,7 @@
 //! What the formats with levels of detail have in common: chunks of cells, and a file that describes them.
 
+use std::path::Path;
+
 use super::{meta::Node, plan::Plan};
 use crate::{
     error::Error,
@@ -18,5 +20,5 @@ pub(super) trait Layout {
     fn encode(&self, file: usize, to: &ToWrite<'_>) -> Result<Encoded3d, Error>;
 
     /// The content of the file that describes the others, for these cells in their order.
-    fn describe(&self, cells: Vec<Node>) -> serde_json::Result<Vec<u8>>;
+    fn describe(&self, path: &Path, cells: Vec<Node>) -> Result<Vec<u8>, Error>;
 }

@@ -1,6 +1,6 @@
 //! Which Gaussians a streamed SOG has in which chunk, which follows from the numbers of its parts alone.
 
-use std::ops::Range;
+use std::{ops::Range, path::Path};
 
 use gs_core::Bounds;
 
@@ -121,8 +121,8 @@ impl Layout for Plan {
         sog::encode_runs(&ToWrite { format: Format3d::SogFolder, ..*to }, &self.runs(file))
     }
 
-    fn describe(&self, cells: Vec<Node>) -> serde_json::Result<Vec<u8>> {
-        serde_json::to_vec(&self.meta(cells))
+    fn describe(&self, path: &Path, cells: Vec<Node>) -> Result<Vec<u8>, Error> {
+        serde_json::to_vec(&self.meta(cells)).map_err(|error| Error::write(path, error.into()))
     }
 }
 

@@ -16,7 +16,7 @@
 
 use std::{ops::Range, path::Path};
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DMat4, DVec3};
 use gs_core::{Bounds, LodNode};
 use serde_json::{Value, json};
 
@@ -80,18 +80,16 @@ impl Tileset {
         let (center, half) = ((low + high) / 2.0, (low - high).abs() / 2.0);
         let [x, y, z] = DMat3::from_diagonal(half).to_cols_array_2d();
         let volume = [center.to_array(), x, y, z].concat();
-        let error = |of: Range<usize>, file: usize| {
-            let error = |cell: usize| {
-                let run = self.plan.cells[cell].runs.iter().position(|run| run.file == file);
-                run.and_then(|run| cells[cell].errors.as_ref()?.get(run).copied()).unwrap_or_default()
+        let errors = |file: usize| {
+            let of_cell = move |cell: usize| {
+                let run = self.plan.cells[cell].runs.iter().position(|run| run.file == file)?;
+                cells[cell].errors.as_ref()?.get(run).copied()
             };
-            of.map(error).fold(0.0, f32::max)
+            tile.cells.clone().filter_map(of_cell).fold(0.0, f32::max)
         };
         let children: Vec<_> = tile.children.iter().map(|child| self.json(child, cells)).collect();
-        let own = match tile.file {
-            Some(file) => CESIUM_ERROR_PX / LodNode::USUAL_ERROR_PX * error(tile.cells.clone(), file),
-            None => diagonal(&bounds),
-        };
+        let own = tile.file.map(|file| CESIUM_ERROR_PX / LodNode::USUAL_ERROR_PX * errors(file));
+        let own = own.unwrap_or_else(|| diagonal(&bounds));
         let error = children.iter().map(|(.., error)| *error).fold(own, f32::max);
         let mut json = json!({
             "boundingVolume": { "box": volume },
@@ -123,20 +121,20 @@ impl Layout for Tileset {
         Ok(encoded)
     }
 
-    fn describe(&self, cells: Vec<Node>) -> serde_json::Result<Vec<u8>> {
+    fn describe(&self, path: &Path, cells: Vec<Node>) -> Result<Vec<u8>, Error> {
         let (mut root, bounds, error) = self.json(&self.root, &cells);
         root["refine"] = json!("REPLACE");
         if let Some(earth) = &self.earth {
-            let center = self.frame.to_world((bounds.min.as_dvec3() + bounds.max.as_dvec3()) / 2.0);
+            let center = self.frame.to_world(middle(&cells));
+            if !earth.contains(center) {
+                let what = format!("a tileset around {center}, which is no place in the system of its EPSG code,");
+                return Err(Error::unsupported(path, what, "use the code of the data set's coordinates, or none"));
+            }
             let to_world = self.frame.to(&WorldFrame::WORLD) * DAffine3::from_mat3(AXES);
-            let DAffine3 { matrix3, translation } = earth.near(center) * to_world;
-            let columns = matrix3.to_cols_array_2d().map(|[x, y, z]| [x, y, z, 0.0]);
-            let last = translation.extend(1.0).to_array();
-            let transform = [columns.as_flattened(), &last].concat();
-            root["transform"] = json!(transform);
+            root["transform"] = json!(DMat4::from(earth.near(center) * to_world).to_cols_array());
         }
         let extensions = gltf::TILE_EXTENSIONS;
-        serde_json::to_vec(&json!({
+        let tileset = json!({
             "asset": { "version": "1.1", "generator": concat!("gs ", env!("CARGO_PKG_VERSION")) },
             "extensionsUsed": ["3DTILES_content_gltf"],
             "extensions": {
@@ -144,7 +142,8 @@ impl Layout for Tileset {
             },
             "geometricError": error.max(diagonal(&bounds)),
             "root": root,
-        }))
+        });
+        Ok(tileset.to_string().into_bytes())
     }
 }
 
@@ -155,6 +154,17 @@ fn name(chunk: &str) -> String {
 
 fn diagonal(bounds: &Bounds) -> f32 {
     bounds.max.distance(bounds.min)
+}
+
+/// The median of the middles of cells, which a few Gaussians far away do not move.
+fn middle(cells: &[Node]) -> DVec3 {
+    let boxes = || cells.iter().map(|cell| Bounds::from(&cell.bound));
+    let middles = |axis: usize| boxes().map(move |bounds| bounds.min.as_dvec3().midpoint(bounds.max.as_dvec3())[axis]);
+    DVec3::from([0, 1, 2].map(|axis| {
+        let mut sorted: Vec<f64> = middles(axis).collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted[sorted.len() / 2]
+    }))
 }
 
 /// The tile of a part of the scene, whose cells and chunks are added to the plan.

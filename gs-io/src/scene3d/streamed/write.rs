@@ -196,8 +196,7 @@ fn encode_chunks<E: From<Error>>(
             }
         }
     }
-    let content = layout.describe(leaves).map_err(|error| Error::write(path, error.into()))?;
-    Ok((content, losses))
+    Ok((layout.describe(path, leaves)?, losses))
 }
 
 /// All levels of a cell, the finest first.
