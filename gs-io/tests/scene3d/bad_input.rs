@@ -8,7 +8,9 @@ use gs_io::{
     read_scene, write_3d,
 };
 
-use super::samples::{self, compressed_ply, gltf_beside, gzip, read, scene, text_ply, written};
+use serde_json::json;
+
+use super::samples::{self, compressed_ply, gltf_beside, gzip, rad, rad_properties, read, scene, text_ply, written};
 
 /// The scene with whatever values it has.
 fn unchecked(path: &Path) -> File3d {
@@ -127,6 +129,18 @@ fn scales_of_zero_are_raised_and_reported_except_in_unchecked_reads() {
         let read = read_3d(&path).unwrap();
         assert_eq!(read.losses, [ConversionLoss::ZeroScales { gaussians: 1 }], "{name}");
         assert_eq!(read.scene.log_scales[3].x, SMALLEST_LOG_SCALE, "{name}");
+    }
+    // As a number, and as the byte that stands for it.
+    let mut bytes = rad_properties();
+    bytes.retain(|(property, _)| property["property"] != "scales");
+    bytes.push((json!({ "property": "scales", "encoding": "ln_0r8", "min": -3, "max": 1 }), vec![1, 1, 9, 9, 255, 0]));
+    for properties in [rad_properties(), bytes] {
+        let path = folder.path().join("a.rad");
+        fs::write(&path, rad(2, &properties, json!({ "maxSh": 1 }), json!({}))).unwrap();
+        assert_eq!(unchecked(&path).scene.log_scales[1].z, f32::NEG_INFINITY);
+        let read = read_3d(&path).unwrap();
+        assert_eq!(read.losses, [ConversionLoss::ZeroScales { gaussians: 1 }]);
+        assert_eq!(read.scene.log_scales[1].z, SMALLEST_LOG_SCALE);
     }
 }
 

@@ -195,6 +195,19 @@ fn damaged_files_are_refused_with_the_place_and_what_to_do() {
     let mut long_head = good.clone();
     long_head[4..8].fill(0xff);
     let tree = rad_tree(1, 1);
+    let three = |children: [u16; 3], starts: [u32; 3]| {
+        let mut all = samples::rad_children(&children, &starts);
+        all.extend(
+            [("center", 3), ("alpha", 1), ("rgb", 3), ("scales", 3), ("orientation", 3)]
+                .map(|(name, width)| (json!({ "property": name, "encoding": "f32" }), vec![0; 12 * width])),
+        );
+        rad(3, &all, json!({ "lodTree": true }), json!({}))
+    };
+    let tree_without = |name: &str| {
+        let mut all = [rad_properties(), samples::rad_children(&[1, 0], &[1, 0])].concat();
+        all.retain(|(property, _)| property["property"] != name);
+        rad(2, &all, json!({ "maxSh": 1, "lodTree": true }), json!({}))
+    };
     let empty = json!({ "property": "x", "encoding": "f32" });
     for (bytes, expected) in [
         (good[..good.len() - 9].to_vec(), "bytes of a chunk, found"),
@@ -209,6 +222,11 @@ fn damaged_files_are_refused_with_the_place_and_what_to_do() {
         (rad_tree(1, 0), "expected children of Gaussian 0 behind it and before 2, found 1 from 0"),
         (rad_tree(2, 1), "expected children of Gaussian 0 behind it and before 2, found 2 from 1"),
         (rad_tree(1, u32::MAX), "found 1 from 4294967295"),
+        (three([2, 1, 0], [1, 2, 0]), "expected Gaussian 2 as the child of one other, found it also as one of 1"),
+        (three([1, 1, 0], [1, 1, 0]), "expected children of Gaussian 1 behind it and before 3, found 1 from 1"),
+        (three([1, 1, 0], [2, 0, 0]), "expected children of Gaussian 1 behind it and before 3, found 1 from 0"),
+        (tree_without("child_count"), "expected the property `child_count`, as `lodTree` is true, found none"),
+        (tree_without("child_start"), "expected the property `child_start`, as `lodTree` is true, found none"),
         (head(json!({ "count": 3 })), "expected 3 Gaussians in the chunks, found 2"),
         (head(json!({ "count": 1 })), "expected a chunk of at most 1 Gaussians from 0, found 2 from 0"),
         (chunk(json!({ "base": 1 })), "expected a chunk of at most 2 Gaussians from 0, found 2 from 1"),

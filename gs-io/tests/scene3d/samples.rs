@@ -267,12 +267,17 @@ pub(crate) fn rad_properties() -> Vec<(Value, Vec<u8>)> {
 
 /// A RAD of Gaussian 0, which stands for the others, with this number of children and first of them.
 pub(crate) fn rad_tree(children: u16, start: u32) -> Vec<u8> {
-    let mut properties = rad_properties();
-    properties
-        .push((json!({ "property": "child_count", "encoding": "u16" }), [children, 0].map(u16::to_le_bytes).concat()));
-    properties
-        .push((json!({ "property": "child_start", "encoding": "u32" }), [start, 0].map(u32::to_le_bytes).concat()));
+    let properties = [rad_properties(), rad_children(&[children, 0], &[start, 0])].concat();
     rad(2, &properties, json!({ "maxSh": 1, "lodTree": true }), json!({}))
+}
+
+/// The properties of a tree: the number of children of each Gaussian, and the first of them.
+pub(crate) fn rad_children(counts: &[u16], starts: &[u32]) -> Vec<(Value, Vec<u8>)> {
+    let property = |name: &str, encoding: &str| json!({ "property": name, "encoding": encoding });
+    vec![
+        (property("child_count", "u16"), counts.iter().flat_map(|count| count.to_le_bytes()).collect()),
+        (property("child_start", "u32"), starts.iter().flat_map(|start| start.to_le_bytes()).collect()),
+    ]
 }
 
 /// One small file of every kind and shape.

@@ -116,6 +116,7 @@ pub(super) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
         count: meta.count,
         next: 0,
         has_tree: meta.lod_tree.unwrap_or(false),
+        has_parent: vec![false; meta.count as usize],
         codes: codes as usize,
         palette: Default::default(),
         opacities: Clamp::new("opacities", 0.0, 1.0, 0.5 / 255.0),
@@ -142,6 +143,8 @@ struct Reading {
     /// Number of the next chunk's first Gaussian.
     next: u64,
     has_tree: bool,
+    /// Whether each of these Gaussians is a child so far.
+    has_parent: Vec<bool>,
     /// Length of the palette, and its SH of each degree above 0.
     codes: usize,
     palette: [Option<Planes>; 3],
@@ -173,12 +176,19 @@ impl Reading {
         let mut higher = Vec::new();
         for (degree, palette) in (1..=usize::from(self.scene.sh_degree)).zip(&mut self.palette) {
             let (name, width) = (format!("sh{degree}"), 3 * (2 * degree + 1));
-            *palette = chunk.numbers(&format!("{name}_code"), width, self.codes, planes::SH)?.or(palette.take());
+            // Spark has the palette in the first chunk.
+            if palette.is_none() {
+                *palette = chunk.numbers(&format!("{name}_code"), width, self.codes, planes::SH)?;
+            }
             higher.push((2 * degree + 1, chunk.numbers(&name, width, count, planes::SH)?));
         }
         let labels = chunk.whole_numbers("sh_label", count)?;
+        let of_children = |name: &str| {
+            let numbers = chunk.whole_numbers(name, count)?;
+            numbers.ok_or_else(|| source.damaged(at, format!("the property `{name}`, as `lodTree` is true"), "none"))
+        };
         let children = match self.has_tree {
-            true => chunk.whole_numbers("child_count", count)?.zip(chunk.whole_numbers("child_start", count)?),
+            true => Some((of_children("child_count")?, of_children("child_start")?)),
             false => None,
         };
         for i in 0..count {
@@ -187,6 +197,12 @@ impl Reading {
                 if first <= parent || first + children > self.count {
                     let expected = format!("children of Gaussian {parent} behind it and before {}", self.count);
                     return Err(source.damaged(at, expected, format!("{children} from {first}")));
+                }
+                for child in first..first + children {
+                    if std::mem::replace(&mut self.has_parent[child as usize], true) {
+                        let expected = format!("Gaussian {child} as the child of one other");
+                        return Err(source.damaged(at, expected, format!("it also as one of {parent}")));
+                    }
                 }
                 continue;
             }
