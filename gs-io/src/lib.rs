@@ -13,7 +13,7 @@
 //! | 2D scenes, `.gsi`, compressed | [`read_gsi`] | [`gs_codec::Picture::encode`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, RAD, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
-//! | … with levels of detail: streamed SOG | [`read_3d`], [`StreamedSog`] | [`write_3d`] |
+//! | … with levels of detail: streamed SOG, RAD | [`read_3d`], [`LodFile3d`] | [`write_3d`] |
 //! | … with levels of detail: 3D Tiles | – | [`write_3d`] |
 //! | edits of 3D scenes: moving, cropping, joining and the like | [`Edit`] | – |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |
@@ -74,8 +74,8 @@ pub use crate::{
         File2d, GSI_EXTENSION, GsiFile, SCENE_EXTENSION, decode_gsi, encode_2d, is_gsi, read_2d, read_gsi, write_2d,
     },
     scene3d::{
-        ConversionLoss, Coordinates, Encoded3d, File3d, FilesInMemory, Format3d, LevelsInMemory, Parts3d, SpzVersion,
-        StreamedSog, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
+        ConversionLoss, Coordinates, Encoded3d, File3d, FilesInMemory, Format3d, LevelsInMemory, LodFile3d, Parts3d,
+        SpzVersion, TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
         transform_scene, write_3d, write_parts_3d, writes_parts_3d,
     },
     text::{percent_decoded, utf8_text},

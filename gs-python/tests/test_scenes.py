@@ -147,6 +147,15 @@ def test_levels_of_detail(city: Path) -> None:
         assert len(gs.load(city, cameras=[near], max_gaussians=3)) == 4
 
 
+def test_levels_of_detail_of_a_rad(city: Path) -> None:
+    file = city.parent / "city.rad"
+    gs.load(city).save(file)
+    near = gs.Camera(640, 480, fx=600.0)
+    assert len(gs.load(file, cameras=[near])) == 256
+    assert len(gs.load(file, cameras=[])) == 4
+    assert 4 < len(gs.load(file, cameras=[near], max_gaussians=100)) <= 100
+
+
 def test_levels_of_detail_are_refused(city: Path, scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
     with pytest.raises(ValueError, match="max_gaussians: needs cameras"):
         gs.load(city, max_gaussians=10)

@@ -7,7 +7,7 @@ use std::{
 };
 
 use gs_core::{Camera, LodNode, Scene, Scene3d};
-use gs_io::{LevelsInMemory, StreamedSog};
+use gs_io::{LevelsInMemory, LodFile3d};
 
 use crate::error::Error;
 
@@ -29,7 +29,7 @@ enum Step {
 pub(crate) type Finer<S> = Box<dyn FnMut(&<S as Scene>::View) -> Result<(Option<S>, bool), Error> + Send>;
 
 /// Starts to read what the cameras need that the result is called with, up to a budget of Gaussians.
-pub(crate) fn finer(file: StreamedSog, budget: usize) -> Finer<Scene3d> {
+pub(crate) fn finer(file: LodFile3d, budget: usize) -> Finer<Scene3d> {
     // One scene waits at most: they may be large.
     let ((wanted, cameras), (steps, found)) = (channel(), sync_channel(1));
     thread::spawn(move || serve(&mut LevelsInMemory::of(file, ROOM), budget, &cameras, &steps));
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     /// A file with levels of 6,000 Gaussians on a square of 40 by 40, more than a cell has.
-    fn square(folder: &Path) -> StreamedSog {
+    fn square(folder: &Path) -> LodFile3d {
         let gaussian = |i: u32| Gaussian3d {
             mean: Vec3::new((i as f32 * 0.618_034).fract() * 40.0, 0.0, (i as f32 * 0.754_877_7).fract() * 40.0),
             log_scale: Vec3::splat(-1.5),
@@ -131,7 +131,7 @@ mod tests {
         };
         let path = folder.join("lod-meta.json");
         write_3d(&path, &(0..6000).map(gaussian).collect(), &WriteOptions3d::default()).unwrap();
-        StreamedSog::open(path).unwrap()
+        LodFile3d::open(path).unwrap().unwrap()
     }
 
     /// A camera above the corner of the square, so far away.

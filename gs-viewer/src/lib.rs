@@ -40,7 +40,7 @@ mod window;
 use glam::Vec3;
 use gs_backend::AnyRasterizer;
 use gs_core::{Backend as _, Camera, RenderSettings, Scene as _, Scene2d, Scene3d, view::Bulk};
-use gs_io::{IccProfile, StreamedSog};
+use gs_io::{IccProfile, LodFile3d};
 
 pub use self::error::Error;
 use self::{
@@ -105,7 +105,7 @@ pub enum Viewed<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Levels<'a> {
     /// The file.
-    pub file: &'a StreamedSog,
+    pub file: &'a LodFile3d,
     /// Most Gaussians that are drawn, at least 1; the coarsest levels may have more, and up to twice as many are drawn
     /// while levels change.
     pub budget: usize,

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use gs_core::{Camera, Choice as _, LodNode, Scene as _, Scene3d, effects::Antialias, view::Bulk};
-use gs_io::{AnyScene, File3d, FilesInMemory, Format3d, LevelsInMemory, StreamedSog};
+use gs_io::{AnyScene, File3d, FilesInMemory, Format3d, LevelsInMemory, LodFile3d};
 use serde::Serialize;
 use wasm_bindgen::prelude::*;
 
@@ -50,7 +50,7 @@ impl Levels {
     /// more. Up to `room` bytes are used for levels that are not drawn at present.
     #[wasm_bindgen(constructor)]
     pub fn open(meta: &[u8], budget: usize, room: usize) -> Result<Levels, JsError> {
-        let file = StreamedSog::decode(meta, Path::new("lod-meta.json")).map_err(failure)?;
+        let file = LodFile3d::decode(meta, Path::new("lod-meta.json")).map_err(failure)?;
         if budget == 0 {
             return Err(JsError::new("maxGaussians must be at least 1"));
         }

@@ -37,7 +37,7 @@ pub(crate) struct ViewArgs {
     /// Size of the picture [default: 800x600, or the proportions of the view]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// Draw at most N Gaussians of a streamed SOG, whose levels of detail are read as the camera moves
+    /// Draw at most N Gaussians of a scene with levels of detail, which are chosen as the camera moves
     /// [default: 1000000]
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..))]
     max_gaussians: Option<u32>,

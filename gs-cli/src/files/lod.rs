@@ -1,9 +1,9 @@
-//! The levels of a streamed SOG that views need.
+//! The levels of detail that views need.
 
 use std::path::Path;
 
 use gs_core::{Camera, LodCut, LodNode, Scene as _};
-use gs_io::{File3d, Format3d, StreamedSog, format_3d};
+use gs_io::{File3d, LodFile3d};
 
 use super::scene;
 use crate::{failure::Failure, terminal::output};
@@ -12,42 +12,44 @@ use crate::{failure::Failure, terminal::output};
 #[cfg(feature = "viewer")]
 const USUAL_BUDGET: u32 = 1_000_000;
 
-/// A streamed SOG, and how many of its Gaussians may be drawn.
+/// A file with levels of detail, and how many of its Gaussians may be drawn.
 pub(crate) struct Lod {
-    file: StreamedSog,
+    file: LodFile3d,
     budget: usize,
 }
 
 impl Lod {
-    /// Opens a streamed SOG.
+    /// Opens a scene with levels of detail.
     pub(crate) fn open(path: &Path, budget: u32) -> Result<Self, Failure> {
-        let path = scene::file_of(path);
-        if format_3d(&path)? != Some(Format3d::StreamedSog) {
-            let failure =
-                Failure::usage("--max-gaussians is for streamed SOG, which has levels of detail").at(path.display());
-            return Err(failure.hint("write one with gs convert SCENE FOLDER/lod-meta.json"));
-        }
-        Ok(Self { file: StreamedSog::open(path).map_err(Failure::of_scene)?, budget: budget as usize })
+        Self::find(path, budget)?.ok_or_else(|| {
+            let failure = Failure::usage("--max-gaussians is for levels of detail, and this scene has none");
+            let hint = "write them with gs convert SCENE FOLDER/lod-meta.json, or SCENE.rad";
+            failure.at(scene::file_of(path).display()).hint(hint)
+        })
     }
 
     /// Opens the scene of a window, if it has levels of detail.
     #[cfg(feature = "viewer")]
     pub(crate) fn for_window(path: &Path, budget: Option<u32>) -> Result<Option<Self>, Failure> {
-        let has_levels = || Ok::<_, Failure>(format_3d(scene::file_of(path))? == Some(Format3d::StreamedSog));
         match budget {
-            None if !has_levels()? => Ok(None),
-            budget => Self::open(path, budget.unwrap_or(USUAL_BUDGET)).map(Some),
+            None => Self::find(path, USUAL_BUDGET),
+            Some(budget) => Self::open(path, budget).map(Some),
         }
     }
 
     /// The file, and the most Gaussians that are drawn.
-    pub(crate) fn levels(&self) -> (&StreamedSog, usize) {
+    pub(crate) fn levels(&self) -> (&LodFile3d, usize) {
         (&self.file, self.budget)
     }
 
     /// Number of the Gaussians of the finest levels.
     pub(crate) fn finest(&self) -> usize {
         self.file.counts().first().copied().unwrap_or(0)
+    }
+
+    fn find(path: &Path, budget: u32) -> Result<Option<Self>, Failure> {
+        let file = LodFile3d::open(scene::file_of(path)).map_err(Failure::of_scene)?;
+        Ok(file.map(|file| Self { file, budget: budget as usize }))
     }
 
     /// The coarsest levels, which show where the scene is.

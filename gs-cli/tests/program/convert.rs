@@ -231,7 +231,7 @@ fn a_sog_is_written_in_one_file_or_in_a_folder() {
 }
 
 #[test]
-fn a_streamed_sog_has_levels_of_detail() {
+fn streamed_sog_and_rad_have_levels_of_detail() {
     let place = folder();
     let path = |name: &str| place.path().join(name);
     let (first, city) = (ply(place.path()), path("city/lod-meta.json"));
@@ -253,7 +253,18 @@ fn a_streamed_sog_has_levels_of_detail() {
     assert!(run.stderr.contains(" Gaussians in place of 10"), "{run:?}");
     assert_eq!(render(&city, &["--max-gaussians", "0"]).status, Some(2));
     let run = render(&first, &["--max-gaussians", "6"]);
-    assert!(run.status == Some(2) && run.refusal().contains("is for streamed SOG"), "{run:?}");
+    assert!(
+        run.status == Some(2) && run.refusal().contains("is for levels of detail, and this scene has none"),
+        "{run:?}"
+    );
+
+    let rad = path("city.rad");
+    convert(&first, &rad, &[]).done();
+    let info = gs(["info", "--json", text(&rad)]).json();
+    let levels: Vec<u64> = info["levels"].as_array().unwrap().iter().filter_map(|count| count.as_u64()).collect();
+    assert!(levels.len() > 2 && levels[0] == 10 && levels.ends_with(&[1]), "{info}");
+    let run = render(&rad, &["--max-gaussians", "6"]).done();
+    assert!(run.stderr.contains(&format!("drawing {} Gaussians in place of 10", levels[1])), "{run:?}");
 
     // What the scene is read from and what others wrote is not replaced.
     let run = convert(&path("city/0_0/meta.json"), &city, &[]);

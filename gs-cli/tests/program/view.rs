@@ -57,14 +57,17 @@ fn without_a_display_it_says_so_and_what_to_do() {
 fn only_scenes_with_levels_of_detail_take_a_budget() {
     let place = folder();
     let (_, scene) = dataset_and_scene(place.path());
-    let city = place.path().join("city/lod-meta.json");
-    gs(["convert", text(&scene), text(&city)]).done();
-    for scene in [&city, city.parent().unwrap()] {
+    let [city, rad] = ["city/lod-meta.json", "city.rad"].map(|name| place.path().join(name));
+    [&city, &rad].map(|levels| gs(["convert", text(&scene), text(levels)]).done());
+    for scene in [&city, city.parent().unwrap(), &rad] {
         let run = view(&[text(scene), "--max-gaussians", "5", "--backend", "cpu"]);
         assert!(run.status == Some(1) && run.refusal().contains("no display"), "{run:?}");
     }
     let run = view(&[text(&scene), "--max-gaussians", "5"]);
-    assert!(run.status == Some(2) && run.refusal().contains("is for streamed SOG"), "{run:?}");
+    assert!(
+        run.status == Some(2) && run.refusal().contains("is for levels of detail, and this scene has none"),
+        "{run:?}"
+    );
 }
 
 #[test]

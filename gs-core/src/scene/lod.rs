@@ -4,7 +4,7 @@ use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::{Vec2, Vec3};
 
-use crate::{error::Error, view::Camera};
+use crate::{error::Error, scene::Gaussian3d, view::Camera};
 
 /// A box along the axes, world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +18,16 @@ pub struct Bounds {
 impl Bounds {
     /// The empty box, whose [`union`](Self::union) with another box is the other box.
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// The box around a Gaussian's ellipsoid of one standard deviation.
+    pub fn of(gaussian: &Gaussian3d) -> Self {
+        let covariance = gaussian.covariance().unwrap_or_default();
+        // The squares of large scales are infinite, and bounds are finite.
+        let root = |variance: f32| if variance.is_finite() { variance.sqrt() } else { f32::MAX };
+        let reach = Vec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z).map(root);
+        let finite = |corner: Vec3| corner.clamp(Vec3::MIN, Vec3::MAX);
+        Self { min: finite(gaussian.mean - reach), max: finite(gaussian.mean + reach) }
+    }
 
     /// The smallest box around both.
     #[must_use]

@@ -10,7 +10,7 @@ use super::{
     ply, rad, sog,
     source::Source,
     splat, spz,
-    streamed::{self, StreamedSog},
+    streamed::{self, LodFile3d},
 };
 use crate::error::Error;
 
@@ -34,6 +34,8 @@ pub(super) struct Row {
     /// Whether a file is of the format, by its first bytes and its path.
     recognises: fn(&[u8], &Path) -> bool,
     pub(super) read: fn(&Source<'_>, Format3d) -> Result<File3d, Error>,
+    /// Opens the levels of detail of a file, if it has some.
+    pub(super) levels: Option<fn(&Source<'_>) -> Result<Option<LodFile3d>, Error>>,
     pub(super) encode: Encode,
     /// The further files that writing a scene of an SH degree to a path makes.
     pub(super) beside: fn(&Path, u8) -> Vec<PathBuf>,
@@ -104,7 +106,8 @@ const FORMATS: &[Row] = &[
         what: streamed::WHAT,
         ending: Some(streamed::META),
         recognises: |start, path| gltf::recognises(start) && has_name(path, streamed::META),
-        read: |source, _| StreamedSog::parse(source)?.read_finest(),
+        read: |source, _| LodFile3d::parse(source)?.read_finest(),
+        levels: Some(|source| LodFile3d::parse(source).map(Some)),
         encode: |write| Err(Error::unsupported(write.path, "a streamed SOG in memory", "write it with write_3d")),
         beside: |path, _| streamed::chunk_files(path),
         memory: 14,
@@ -127,6 +130,7 @@ const FORMATS: &[Row] = &[
         ending: Some(".rad"),
         recognises: |start, path| start.starts_with(&rad::MAGIC) || has_ending(path, "rad"),
         read: rad::read,
+        levels: Some(rad::levels),
         #[cfg(feature = "write")]
         encode: rad::encode,
         memory: 14,
@@ -185,6 +189,7 @@ const ROW: Row = Row {
     ending: None,
     recognises: |_, _| false,
     read: |source, _| Err(Error::not_a_3d_scene(source.path, "a checkpoint")),
+    levels: None,
     encode: |to| Err(Format3d::unknown_ending(to.path)),
     beside: |_, _| Vec::new(),
     stores_frame: false,
@@ -232,6 +237,11 @@ impl Format3d {
     /// The further files that writing a scene of this degree to a path in this format makes.
     pub fn beside(self, path: &Path, sh_degree: u8) -> Vec<PathBuf> {
         (self.row().beside)(path, sh_degree)
+    }
+
+    /// Whether files of the format may have levels of detail, which [`LodFile3d::open`] opens.
+    pub fn may_have_levels(self) -> bool {
+        self.row().levels.is_some()
     }
 
     /// Bytes of memory that reading a file takes for each of the file's bytes.

@@ -9,8 +9,8 @@
 //! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
 //! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
 //! | SOG, bundled and unbundled | version 2 | version 2 | all degrees, everything rounded |
-//! | streamed SOG, `lod-meta.json` | the finest level, or a cut through the levels ([`StreamedSog`]) | yes, with levels of detail | as SOG |
-//! | RAD, of Spark | the finest level | yes, with levels of detail | all degrees; means bit for bit, the others rounded |
+//! | streamed SOG, `lod-meta.json` | the finest level, or a cut through the levels ([`LodFile3d`]) | yes, with levels of detail | as SOG |
+//! | RAD, of Spark | as streamed SOG | yes, with levels of detail | all degrees; means bit for bit, the others rounded |
 //! | 3D Tiles, `tileset.json` | each `.glb` alone | yes, with levels of detail | as SPZ, but means nearly exactly |
 //! | `.ksplat` | yes | – | degree 2 at most |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
@@ -55,7 +55,7 @@ pub use self::{
     options::{Coordinates, SpzVersion, WriteOptions3d},
     parts::{Parts3d, write_parts_3d, writes_parts_3d},
     source::FilesInMemory,
-    streamed::{LevelsInMemory, StreamedSog},
+    streamed::{LevelsInMemory, LodFile3d},
     trained_with::TrainedWith,
     whole::{decode_3d, encode_3d},
 };

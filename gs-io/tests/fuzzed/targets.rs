@@ -9,7 +9,7 @@ use glam::{Vec3, dvec2};
 use gs_codec::Extent;
 use gs_core::{Camera, Gaussian3d, Image, Scene, Scene3d};
 use gs_io::{
-    Error, Format3d, StreamedSog, WriteOptions3d,
+    Error, Format3d, LodFile3d, WriteOptions3d,
     dataset::{DatasetSettings, read_dataset},
     decode_3d, decode_gsi, fuzzing, read_3d, write_3d,
 };
@@ -82,19 +82,27 @@ pub fn streamed_sog(bytes: &[u8]) {
     let file = LEVELS.path().join("lod-meta.json");
     fs::write(&file, bytes).expect("a file that can be written");
     one_line(read_3d(&file));
-    let Some(streamed) = one_line(StreamedSog::open(&file)) else { return };
+    cuts(&file);
+}
+
+/// Reads cuts through the levels of detail of a file, if it has some.
+fn cuts(file: &Path) {
+    let Some(levels) = one_line(LodFile3d::open(file)).flatten() else { return };
     for budget in [1, 12, usize::MAX] {
-        let cut = streamed.tree().cut(&[Camera::looking_forward(64, 48, 1.0)], budget, 1.0);
+        let cut = levels.tree().cut(&[Camera::looking_forward(64, 48, 1.0)], budget, 1.0);
         let cut = cut.expect("a budget above 0");
-        if let Some(file) = one_line(streamed.read(&cut.levels)) {
+        if let Some(file) = one_line(levels.read(&cut.levels)) {
             assert!(file.scene.len() >= cut.gaussians);
         }
     }
 }
 
-/// RAD, with and without a tree.
+/// RAD, with and without a tree, of which cuts are read, too.
 pub fn rad(bytes: &[u8]) {
     scene_3d(Format3d::Rad, bytes);
+    let file = LEVELS.path().join("a.rad");
+    fs::write(&file, bytes).expect("a file that can be written");
+    cuts(&file);
 }
 
 /// `.ksplat` of every compression level.

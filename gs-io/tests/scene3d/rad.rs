@@ -3,8 +3,8 @@
 use std::{f32::consts::LN_2, fs};
 
 use glam::Vec3;
-use gs_core::{Scene, Scene3d, constants::SH_C0, sigmoid};
-use gs_io::{Error, Format3d, WriteOptions3d, read_3d};
+use gs_core::{Gaussian3d, Scene, Scene3d, constants::SH_C0, sigmoid};
+use gs_io::{Error, Format3d, LevelsInMemory, LodFile3d, WriteOptions3d, read_3d, write_3d};
 use serde_json::{Value, json};
 
 use super::samples::{self, rad, rad_floats, rad_properties, rad_tree, read};
@@ -150,6 +150,93 @@ fn a_written_file_has_few_more_gaussians_than_its_scene() {
         assert_eq!(read(&bytes, "a.rad").unwrap().scene.len(), count);
         assert_eq!(bytes.len() % 8, 0);
     }
+}
+
+/// The bytes as a file, and its levels of detail.
+fn levels(bytes: &[u8]) -> Result<Option<LodFile3d>, Error> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.rad");
+    fs::write(&path, bytes).unwrap();
+    LodFile3d::open(&path)
+}
+
+#[test]
+fn levels_of_detail_are_cut_from_the_tree() {
+    let gaussian = |i: u32| Gaussian3d {
+        mean: Vec3::new((i as f32 * 0.618_034).fract(), 0.0, (i as f32 * 0.754_877_7).fract()) * 40.0,
+        log_scale: Vec3::splat(-1.5),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        opacity_logit: 1.0,
+        sh: vec![Vec3::splat((i as f32 * 0.1).sin())],
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.rad");
+    write_3d(&path, &(0..9000).map(gaussian).collect(), &WriteOptions3d::default()).unwrap();
+    let file = LodFile3d::open(&path).unwrap().unwrap();
+    let cells = file.tree().cells();
+    for (bounds, levels) in &cells {
+        assert!(levels[0].gaussians <= 1 << 9 && levels[0].error == 0.0 && bounds.min.cmple(bounds.max).all());
+        assert!(levels.is_sorted_by(|a, b| a.gaussians >= b.gaussians && a.error <= b.error), "{levels:?}");
+    }
+    let counts = file.counts();
+    assert!(cells.len() > 1 && counts[0] == 9000 && counts.windows(2).all(|c| 3 * c[1] < 2 * c[0]), "{counts:?}");
+    // The distance of a surface's Gaussians from others in place of 16 of them is about theirs, 40 / √(9000 / 16).
+    let error = cells[0].1[4].error;
+    assert!((0.4..2.5).contains(&error), "{error}");
+    // The finest level is the scene, in the order of the cells.
+    let in_order = |scene: Scene3d| {
+        let mut means: Vec<_> = scene.means.into_iter().map(|mean| mean.to_array().map(f32::to_bits)).collect();
+        means.sort_unstable();
+        means
+    };
+    let finest = file.read(&vec![0; cells.len()]).unwrap();
+    let whole = read_3d(&path).unwrap();
+    assert_eq!((finest.format, finest.bytes, &finest.losses), (Format3d::Rad, whole.bytes, &whole.losses));
+    assert_eq!(in_order(finest.scene), in_order(whole.scene));
+    // For moving cameras, all is in memory.
+    let mut moving = LevelsInMemory::of(file.clone(), 0);
+    let levels: Vec<usize> = (0..cells.len()).map(|cell| cell % counts.len()).collect();
+    assert!(moving.missing(&levels, Vec3::ZERO).is_empty());
+    fs::remove_file(&path).unwrap();
+    let read = file.read(&levels).unwrap().scene;
+    assert_eq!(read.len(), cells.iter().zip(&levels).map(|((_, all), level)| all[*level].gaussians).sum::<usize>());
+    assert_eq!(moving.read(&levels).unwrap(), read);
+    assert_eq!(moving.shown(&levels).iter().map(|part| part.len()).sum::<usize>(), read.len());
+}
+
+#[test]
+fn files_without_a_tree_have_no_levels_and_damaged_trees_are_refused() {
+    assert!(levels(&with(&[])).unwrap().is_none());
+    assert!(matches!(levels(&rad_tree(2, 1)), Err(Error::Damaged { .. })));
+    let empty = rad(0, &[], json!({ "lodTree": true, "chunks": [] }), json!({}));
+    assert!(levels(&empty).unwrap_err().to_string().contains("without Gaussians"));
+    let far = [rad_floats("center", &[[f32::NAN; 3], [0.0; 3]])];
+    let tree = [rad_properties(), samples::rad_children(&[1, 0], &[1, 0])].concat();
+    let mut broken = tree.clone();
+    broken[0] = far[0].clone();
+    let broken = rad(2, &broken, json!({ "maxSh": 1, "lodTree": true }), json!({}));
+    assert!(matches!(levels(&broken), Err(Error::Content { .. })));
+    let found = levels(&rad_tree(1, 1)).unwrap().unwrap();
+    assert_eq!(found.counts(), [1]);
+    assert_eq!(found.read(&[0]).unwrap().scene.means, [Vec3::new(-1.0, 0.0, 0.5)]);
+}
+
+#[test]
+fn opacities_above_1_of_those_with_children_are_widths() {
+    let floats = |name: &str, values: &[[f32; 1]; 3]| rad_floats(name, values);
+    let triples = |name: &str| rad_floats(name, &[[0.0; 3], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]);
+    let mut all = vec![triples("center"), floats("alpha", &[[1.5], [0.5], [0.5]]), triples("rgb")];
+    all.extend([rad_floats("scales", &[[1.0; 3]; 3]), rad_floats("orientation", &[[0.0; 3]; 3])]);
+    all.extend(samples::rad_children(&[2, 0, 0], &[1, 0, 0]));
+    let file = levels(&rad(3, &all, json!({ "lodTree": true }), json!({}))).unwrap().unwrap();
+    let file = file.read(&[1]).unwrap();
+    let one = file.scene.gaussian(0);
+    assert_eq!((file.scene.len(), sigmoid(one.opacity_logit), file.losses.len()), (1, 1.0, 0));
+    // At half its height, what Spark draws has half its height, too.
+    let radius = (2.0 * LN_2).sqrt() * one.log_scale.x.exp();
+    let n = ((3.0_f32.powi(2) - 1.0) / std::f32::consts::E).exp();
+    let drawn = 1.0 - (1.0 - (-0.5 * radius * radius).exp()).powf(n);
+    assert!((drawn - 0.5).abs() < 1e-3 && one.log_scale.x > 0.7, "{drawn} {}", one.log_scale);
 }
 
 #[test]

@@ -9,11 +9,16 @@ use std::{
 use glam::Vec3;
 use gs_core::{Camera, Gaussian3d, LodNode, Scene, Scene3d, sigmoid};
 use gs_io::{
-    Error, FilesInMemory, FolderClaim, Format3d, LevelsInMemory, StreamedSog, WriteOptions3d, read_3d, read_scene,
+    Error, FilesInMemory, FolderClaim, Format3d, LevelsInMemory, LodFile3d, WriteOptions3d, read_3d, read_scene,
     write_3d, write_levels_of_parts_3d,
 };
 use serde_json::{Value, json};
 use tempfile::TempDir;
+
+/// A file with levels of detail.
+fn opened(path: &Path) -> LodFile3d {
+    LodFile3d::open(path).unwrap().expect("levels of detail")
+}
 
 /// Gaussians on a wavy square of about 40 by 40, more than a cell has.
 pub(crate) fn city(count: usize) -> Scene3d {
@@ -57,7 +62,7 @@ fn inside(tree: &LodNode) -> bool {
 #[test]
 fn levels_in_memory_are_those_of_the_file_and_only_what_is_missing_is_read() {
     let (_place, path, _) = written(9000);
-    let streamed = StreamedSog::open(&path).unwrap();
+    let streamed = opened(&path);
     let mut levels = LevelsInMemory::of(streamed.clone(), 0);
     for wanted in [[6, 6], [0, 6], [0, 3], [2, 3], [6, 6], [1, 1]] {
         assert_eq!(levels.read(&wanted).unwrap(), streamed.read(&wanted).unwrap().scene, "{wanted:?}");
@@ -123,7 +128,7 @@ fn chunks_come_one_after_the_other_and_what_is_there_stands_in_for_the_others() 
     let root = path.parent().unwrap();
     // Nothing is read from this folder, which is none.
     let meta = Path::new("nowhere/lod-meta.json");
-    let streamed = StreamedSog::decode(&fs::read(&path).unwrap(), meta).unwrap();
+    let streamed = LodFile3d::decode(&fs::read(&path).unwrap(), meta).unwrap();
     let mut levels = LevelsInMemory::of(streamed, 1 << 20);
     let cells: Vec<_> = levels.tree().cells().iter().map(|(bounds, _)| **bounds).collect();
     let chunk = |level: usize| PathBuf::from(format!("nowhere/{level}_0/meta.json"));
@@ -148,7 +153,7 @@ fn chunks_come_one_after_the_other_and_what_is_there_stands_in_for_the_others() 
     assert_eq!(count(&mut levels, &[0, 3]), of([counts[0][3], counts[1][3]]));
     levels.add(&chunk(0), Some(&files(0))).unwrap();
     assert!(levels.missing(&[0, 3], at(1)).is_empty());
-    assert_eq!(levels.read(&[0, 3]).unwrap(), StreamedSog::open(&path).unwrap().read(&[0, 3]).unwrap().scene);
+    assert_eq!(levels.read(&[0, 3]).unwrap(), opened(&path).read(&[0, 3]).unwrap().scene);
     assert_eq!(count(&mut levels, &[5, 4]), of([counts[0][6], counts[1][6]]));
     assert_eq!(count(&mut levels, &[6, 0]), of([counts[0][6], counts[1][0]]));
     assert_eq!(levels.shown_levels().unwrap(), [6, 0]);
@@ -176,7 +181,7 @@ fn all_levels_come_back() {
     let sums = |scene: &Scene3d| scene.means.iter().copied().sum::<Vec3>() / 9000.0;
     assert!(sorted(&scene).iter().zip(sorted(&finest.scene)).all(|(a, b)| (a.x - b.x).abs() < 0.01));
     assert!(sums(&scene).distance(sums(&finest.scene)) < 0.001);
-    let streamed = StreamedSog::open(&path).unwrap();
+    let streamed = opened(&path);
     assert_eq!(streamed.counts(), [9000, 4500, 2250, 1124, 562, 280, 140]);
     let cells = streamed.tree().cells();
     assert_eq!(cells.len(), 2);
@@ -225,7 +230,7 @@ fn parts_have_a_tree_each_and_one_above_them() {
     let content = |path: &Path| fs::read(path).unwrap();
     assert_eq!(content(&path), content(&whole), "one part is the whole");
     write(&[0, 300, 3, 97, 0]).unwrap();
-    let streamed = StreamedSog::open(&path).unwrap();
+    let streamed = opened(&path);
     let cells = streamed.tree().cells();
     assert!(inside(streamed.tree()));
     let sizes: Vec<usize> = cells.iter().map(|(_, levels)| levels[0].gaussians).collect();
@@ -248,9 +253,9 @@ fn parts_have_a_tree_each_and_one_above_them() {
 #[test]
 fn small_scenes_have_fewer_levels() {
     let (_place, path, _) = written(5);
-    assert_eq!(StreamedSog::open(&path).unwrap().counts(), [5, 2, 1]);
+    assert_eq!(opened(&path).counts(), [5, 2, 1]);
     let (_place, path, _) = written(1);
-    assert_eq!(StreamedSog::open(&path).unwrap().counts(), [1]);
+    assert_eq!(opened(&path).counts(), [1]);
 }
 
 #[test]
@@ -314,7 +319,7 @@ fn refused(path: &Path, edit: impl FnOnce(&mut Value), expected: &str) {
     let copy = path.with_file_name("copy").join("lod-meta.json");
     fs::create_dir_all(copy.parent().unwrap()).unwrap();
     fs::write(&copy, meta.to_string()).unwrap();
-    let text = StreamedSog::open(&copy).map(drop).unwrap_err().to_string();
+    let text = LodFile3d::open(&copy).map(drop).unwrap_err().to_string();
     assert!(
         text.contains(expected) && text.contains("lod-meta.json") && !text.contains('\n'),
         "{text:?}, not {expected:?}"
@@ -363,7 +368,7 @@ fn damaged_trees_are_refused() {
     // Nested more deeply than any tree.
     let deep = "{\"tree\":".repeat(100_000);
     fs::write(&path, deep).unwrap();
-    assert!(matches!(StreamedSog::open(&path), Err(Error::Damaged { .. })));
+    assert!(matches!(LodFile3d::open(&path), Err(Error::Damaged { .. })));
 }
 
 #[test]
@@ -391,7 +396,7 @@ fn missing_and_damaged_chunks_are_named() {
     fs::remove_file(folder.join("0_0/meta.json")).unwrap();
     assert!(text("meta.json").contains("no such file"));
     // Other levels do not need it.
-    assert_eq!(StreamedSog::open(&path).unwrap().read(&[1]).unwrap().scene.len(), 35);
+    assert_eq!(opened(&path).read(&[1]).unwrap().scene.len(), 35);
 }
 
 #[test]
@@ -405,7 +410,7 @@ fn files_of_other_programs_are_read() {
     meta["environment"] = Value::Null;
     meta["tree"]["lods"].as_object_mut().unwrap().remove("6");
     fs::write(&path, meta.to_string()).unwrap();
-    let streamed = StreamedSog::open(&path).unwrap();
+    let streamed = opened(&path);
     assert_eq!(streamed.counts()[5..], [2, 0]);
     let levels = streamed.tree().cells()[0].1.to_vec();
     // Errors are guessed; no Gaussians at all are the worst.

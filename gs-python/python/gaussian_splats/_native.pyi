@@ -227,10 +227,10 @@ class Scene3d:
         """Write the scene in the format of the file name's ending.
 
         ``.ply`` keeps the scene without loss. ``.gltf`` and ``.glb`` keep it but for rounding.
-        ``.spz`` and ``.sog`` are compressed with loss; a SOG can also be a folder of files, named
-        by its ``meta.json``, or with levels of detail, named ``lod-meta.json``, or
-        ``tileset.json`` for 3D Tiles. ``.splat`` has no SH above degree 0, and does not say with
-        which antialiasing the scene was trained.
+        ``.spz``, ``.sog`` and ``.rad`` are compressed with loss; a SOG can also be a folder of
+        files, named by its ``meta.json``. ``.rad`` has levels of detail, and so have a SOG named
+        ``lod-meta.json`` and 3D Tiles, named ``tileset.json``. ``.splat`` has no SH above degree 0,
+        and does not say with which antialiasing the scene was trained.
 
         :raises OSError: for a file that cannot be written, or another ending.
         """
@@ -261,12 +261,13 @@ def load(
     """Read a scene: a scene file, a checkpoint, or an output folder of ``gs``.
 
     2D scenes are ``.gs2d.safetensors`` and ``.gsi`` files. 3D scenes are PLY files (also
-    compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG, streamed SOG and glTF files.
+    compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG, streamed SOG, RAD and glTF files.
 
-    The finest level of a streamed SOG (``lod-meta.json``, or its folder) is read. With ``cameras``,
-    only the levels of detail that these need are read, as for ``gs render --max-gaussians``.
+    The finest level of a streamed SOG (``lod-meta.json``, or its folder) or a RAD is read. With
+    ``cameras``, only the levels of detail that these need are read, as for
+    ``gs render --max-gaussians``.
 
-    :param cameras: read each cell of a streamed SOG in the coarsest level whose error is at most
+    :param cameras: read each cell in the coarsest level whose error is at most
         1 px in all of these cameras, in images of their size. Cells that no camera sees are read
         in their coarsest level, so an empty list reads the coarsest scene.
     :param max_gaussians: with ``cameras``, read at most this many Gaussians, at least 1. If they

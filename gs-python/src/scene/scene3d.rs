@@ -10,8 +10,7 @@ use glam::Vec3;
 use gs_backend::block_on;
 use gs_core::{LodNode, Rasterizer as _, RenderSettings, Scene as _, math::sh, view::Bulk};
 use gs_io::{
-    AnyScene, Done, Edit, File3d, Format3d, StreamedSog, TrainedWith, Values as AllowedValues, WorldFrame,
-    WriteOptions3d,
+    AnyScene, Done, Edit, File3d, LodFile3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d,
 };
 use gs_train::{edit::ViewEditor, train::Views};
 use numpy::{PyArray1, PyArray2, PyArray3};
@@ -244,7 +243,7 @@ pub(crate) fn load(
     }
 }
 
-/// Reads the levels of a streamed SOG that these cameras need.
+/// Reads the levels of detail that these cameras need.
 fn levels(py: Python<'_>, path: &Path, cameras: &Bound<'_, PyAny>, max_gaussians: Option<u32>) -> PyResult<File3d> {
     let Ok(cameras) = cameras.extract::<Vec<Bound<'_, Camera>>>() else {
         return Err(errors::wrong_type("cameras", "a sequence of Camera", cameras));
@@ -256,20 +255,19 @@ fn levels(py: Python<'_>, path: &Path, cameras: &Bound<'_, PyAny>, max_gaussians
     let budget = max_gaussians.map_or(usize::MAX, |most| most as usize);
     let found = if path.is_dir() { gs_io::readable_in(path) } else { None };
     let path = found.as_deref().unwrap_or(path);
-    if errors::computed(py, || gs_io::format_3d(path))? != Some(Format3d::StreamedSog) {
+    let Some(file) = errors::computed(py, || LodFile3d::open(path))? else {
         let problem = format!(
-            "{} has no levels of detail; a streamed SOG has, which scene.save(\"FOLDER/lod-meta.json\") writes",
+            "{} has no levels of detail, which scene.save(\"FOLDER/lod-meta.json\") and scene.save(\"SCENE.rad\") write",
             path.display()
         );
         return Err(errors::value("cameras", problem));
-    }
-    let streamed = errors::computed(py, || StreamedSog::open(path))?;
-    let cut = errors::computed(py, || streamed.tree().cut(&cameras, budget, LodNode::USUAL_ERROR_PX))?;
+    };
+    let cut = errors::computed(py, || file.tree().cut(&cameras, budget, LodNode::USUAL_ERROR_PX))?;
     if cut.gaussians > budget {
         let note = format!("max_gaussians: the coarsest levels have {} Gaussians", cut.gaussians);
         py.import("warnings")?.call_method1("warn", (note,))?;
     }
-    errors::computed(py, || streamed.read(&cut.levels))
+    errors::computed(py, || file.read(&cut.levels))
 }
 
 /// A camera slightly above a scene that has most of it in view.

@@ -8,7 +8,7 @@ use gs_core::{
     effects::{Antialias, Order},
     sigmoid,
 };
-use gs_io::{AnyScene, File2d, File3d, Format3d, SceneFile, StreamedSog, WorldFrame};
+use gs_io::{AnyScene, File2d, File3d, LodFile3d, SceneFile, WorldFrame};
 use serde::Serialize;
 
 use super::{number, rows_text};
@@ -44,7 +44,7 @@ struct Info {
     frame: Option<WorldFrame>,
     /// What the scene lacks of the file.
     losses: Vec<String>,
-    /// Gaussians of each level of detail of a streamed SOG, the finest first.
+    /// Gaussians of each level of detail, the finest first.
     levels: Vec<usize>,
     /// The metadata of a checkpoint.
     metadata: BTreeMap<String, String>,
@@ -134,9 +134,9 @@ impl Info {
             order: trained_with.order.map(Order::name),
             frame: Some(trained_with.frame).filter(|frame| !frame.is_world()),
             losses: losses.iter().map(ToString::to_string).collect(),
-            levels: match format {
-                Format3d::StreamedSog => StreamedSog::open(path)?.counts(),
-                _ => Vec::new(),
+            levels: match format.may_have_levels() {
+                true => LodFile3d::open(path)?.map_or_else(Vec::new, |file| file.counts()),
+                false => Vec::new(),
             },
             ..Self::of(bytes, scene.len(), values)
         })

@@ -84,8 +84,8 @@ pub(crate) struct RenderArgs {
     /// the border
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, conflicts_with_all = ["camera", "orbit", "path"])]
     region: Option<Region>,
-    /// Draw at most N Gaussians of a streamed SOG: each part of the scene in the coarsest level whose error
-    /// stays below a pixel, or the smallest error that N allows; one choice for all frames
+    /// Draw at most N Gaussians of a scene with levels of detail: each part of it in the coarsest level whose
+    /// error stays below a pixel, or the smallest error that N allows; one choice for all frames
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..))]
     max_gaussians: Option<u32>,
     /// Cut-offs instead of the scene's, such as alpha-cut=0.001,alpha-max=0.999,transmittance-min=0;

@@ -1,4 +1,5 @@
-//! RAD, the format of Spark, with a tree of levels of detail. [`read`] reads its leaves, which are the whole scene.
+//! RAD, the format of Spark, with a tree of levels of detail. [`read`] reads its leaves, which are the whole scene, and
+//! [`levels()`] all of the tree.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -12,24 +13,28 @@
 //!
 //! With levels of detail, Gaussian 0 stands in place of all others. Each one with `child_count` children stands in
 //! place of them, which are consecutive from `child_start`, and come after it. Viewers go down from the first as far
-//! as the size in a picture demands. Opacities of those with children may be up to 2, which stands for a wider plateau.
+//! as the size in a picture demands. Opacities of those with children may be up to 2, which stands for a wider plateau:
+//! with α > 1, d = 4 α − 3 and n = exp((d² − 1) / e), Spark draws 1 − (1 − g)ⁿ in place of a Gaussian g. Here they become
+//! opaque Gaussians of the same width at half height.
 //!
 //! Axes are those of the PLY that it was made from.
 //!
 //! *Source:* sparkjsdev/spark 2, `rust/spark-lib/src/rad.rs`, `splat_encode.rs` and `rust/spark-rs/src/lod_tree.rs`.
 
+mod levels;
 mod planes;
 #[cfg(feature = "write")]
 mod tree;
 #[cfg(feature = "write")]
 mod write;
 
-use std::{borrow::Cow, collections::BTreeMap};
+use std::{borrow::Cow, collections::BTreeMap, f32::consts::E, ops::Range};
 
 use glam::Vec3;
 use gs_core::{Scene3d, constants::SH_C0};
 use serde::{Deserialize, de::DeserializeOwned};
 
+pub(super) use self::levels::levels;
 use self::planes::{Chunk, Planes, Property};
 #[cfg(feature = "write")]
 pub(super) use self::write::encode;
@@ -77,8 +82,20 @@ struct ChunkMeta {
     properties: Vec<Property>,
 }
 
+/// The Gaussians that are read.
+enum Which {
+    /// Those that stand for no others.
+    Leaves,
+    All,
+}
+
 /// Reads a scene of degree 0 to 3: those Gaussians that stand for no others.
 pub(super) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
+    Ok(contents(source, format, Which::Leaves)?.0)
+}
+
+/// Reads Gaussians. If all are read, also returns the children of each.
+fn contents(source: &Source<'_>, format: Format3d, which: Which) -> Result<(File3d, Vec<Range<usize>>), Error> {
     let (meta, start): (Meta, usize) = json(source, 0, MAGIC, "the head")?;
     check_version(source, meta.version)?;
     if meta.kind != "gsplat" {
@@ -117,6 +134,7 @@ pub(super) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
         next: 0,
         has_tree: meta.lod_tree.unwrap_or(false),
         has_parent: vec![false; meta.count as usize],
+        children: matches!(which, Which::All).then(Vec::new),
         codes: codes as usize,
         palette: Default::default(),
         opacities: Clamp::new("opacities", 0.0, 1.0, 0.5 / 255.0),
@@ -132,7 +150,8 @@ pub(super) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
         return Err(source.damaged(8, format!("{} Gaussians in the chunks", meta.count), reading.next.to_string()));
     }
     let losses = Vec::from_iter(reading.opacities.loss());
-    Ok(File3d { losses, ..File3d::of(format, reading.scene).beside(beside) })
+    let file = File3d { losses, ..File3d::of(format, reading.scene).beside(beside) };
+    Ok((file, reading.children.unwrap_or_default()))
 }
 
 /// What of a file has been read.
@@ -145,6 +164,8 @@ struct Reading {
     has_tree: bool,
     /// Whether each of these Gaussians is a child so far.
     has_parent: Vec<bool>,
+    /// The children of each Gaussian, if those with children are read, too.
+    children: Option<Vec<Range<usize>>>,
     /// Length of the palette, and its SH of each degree above 0.
     codes: usize,
     palette: [Option<Planes>; 3],
@@ -192,29 +213,39 @@ impl Reading {
             false => None,
         };
         for i in 0..count {
+            let mut below = 0..0;
             if let Some((counts, starts)) = children.as_ref().filter(|(counts, _)| counts[i] > 0) {
-                let (parent, first, children) = (base + i as u64, u64::from(starts[i]), u64::from(counts[i]));
-                if first <= parent || first + children > self.count {
+                let (parent, first, number) = (base + i as u64, u64::from(starts[i]), u64::from(counts[i]));
+                if first <= parent || first + number > self.count {
                     let expected = format!("children of Gaussian {parent} behind it and before {}", self.count);
-                    return Err(source.damaged(at, expected, format!("{children} from {first}")));
+                    return Err(source.damaged(at, expected, format!("{number} from {first}")));
                 }
-                for child in first..first + children {
-                    if std::mem::replace(&mut self.has_parent[child as usize], true) {
-                        let expected = format!("Gaussian {child} as the child of one other");
-                        return Err(source.damaged(at, expected, format!("it also as one of {parent}")));
-                    }
+                below = first as usize..(first + number) as usize;
+                if let Some(child) = below.clone().find(|child| self.has_parent[*child]) {
+                    let expected = format!("Gaussian {child} as the child of one other");
+                    return Err(source.damaged(at, expected, format!("it also as one of {parent}")));
                 }
-                continue;
+                self.has_parent[below.clone()].fill(true);
+            }
+            let stands_for_others = !below.is_empty();
+            match &mut self.children {
+                Some(all) => all.push(below),
+                None if stands_for_others => continue,
+                None => {}
             }
             let scene = &mut self.scene;
             scene.means.push(means.triple(0, i));
-            scene
-                .log_scales
-                .push(scales.triple(0, i).map(|v| if scales.are_logarithms() { v } else { log_of_scale(v) }));
+            let mut opacity = opacities.values[i];
+            let wider = if stands_for_others && opacity > 1.0 { log_width(opacity) } else { 0.0 };
+            if wider > 0.0 {
+                opacity = 1.0;
+            }
+            let log_of = |v| if scales.are_logarithms() { v } else { log_of_scale(v) };
+            scene.log_scales.push(scales.triple(0, i).map(log_of) + wider);
             scene.rotations.push(rotations.rotation(i));
             // A byte of 0 or 255 stands for all opacities that round to it.
             let end = if opacities.are_bytes() { 0.25 / 255.0 } else { 0.0 };
-            let opacity = self.opacities.apply(opacities.values[i]).clamp(end, 1.0 - end);
+            let opacity = self.opacities.apply(opacity).clamp(end, 1.0 - end);
             scene.opacity_logits.push(logit_of_opacity(opacity));
             scene.sh.push((colors.triple(0, i) - 0.5) / SH_C0);
             for ((len, own), palette) in higher.iter().zip(&self.palette) {
@@ -234,6 +265,15 @@ impl Reading {
         }
         Ok(())
     }
+}
+
+/// The logarithm of how much wider a Gaussian is at half height that Spark draws for an opacity of 1 to 2.
+fn log_width(opacity: f32) -> f32 {
+    let d = 4.0 * opacity.min(2.0) - 3.0;
+    let n = ((d * d - 1.0) / E).exp();
+    // Half height is where g = 1 − 2^(−1/n), in place of ½.
+    let height = -(-std::f32::consts::LN_2 / n).exp_m1();
+    0.5 * (-height.log2()).ln()
 }
 
 /// The JSON at a byte behind its magic number and length, and where what follows begins.

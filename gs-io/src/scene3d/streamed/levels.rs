@@ -1,4 +1,4 @@
-//! Levels of a streamed SOG for a camera that moves.
+//! Levels of a file for a camera that moves.
 
 use std::{
     borrow::Cow,
@@ -9,13 +9,13 @@ use std::{
 use glam::Vec3;
 use gs_core::{Camera, LodNode, Scene, Scene3d, logit, sigmoid};
 
-use super::{FilesInMemory, Run, StreamedSog, checked, part, read_chunk, transition::Transition};
+use super::{FilesInMemory, LodFile3d, Run, checked, part, read_chunk, transition::Transition};
 use crate::{
     error::Error,
     scene3d::{File3d, TrainedWith},
 };
 
-/// Levels of detail of a streamed SOG that are in memory, for cameras that move.
+/// Levels of detail of a file that are in memory, for cameras that move.
 ///
 /// In memory are the levels that are shown, the coarsest ones, to which cells out of sight return, and as many others
 /// as there is room for. A chunk is always decoded as a whole.
@@ -25,7 +25,7 @@ use crate::{
 /// [`shown`](Self::shown) returns what can be shown.
 #[derive(Debug)]
 pub struct LevelsInMemory {
-    file: StreamedSog,
+    file: LodFile3d,
     environment: Option<Scene3d>,
     parts: HashMap<Run, Part>,
     /// What the chunks so far were trained with.
@@ -78,7 +78,7 @@ impl Part {
 impl LevelsInMemory {
     /// Begins with the tree alone. Up to `room` bytes are used for levels that are not shown, in addition to the
     /// coarsest ones.
-    pub fn of(file: StreamedSog, room: usize) -> Self {
+    pub fn of(file: LodFile3d, room: usize) -> Self {
         let (parts, wanted, transition) = (HashMap::new(), HashSet::new(), Transition::default());
         Self { file, environment: None, parts, trained_with: None, room, turn: 0, wanted, shown: None, transition }
     }
@@ -96,6 +96,9 @@ impl LevelsInMemory {
     /// # Panics
     /// If there is not one level for each cell, or a cell has no such level.
     pub fn missing(&mut self, levels: &[usize], position: Vec3) -> Vec<PathBuf> {
+        if self.file.in_memory.is_some() {
+            return Vec::new();
+        }
         self.turn += 1;
         let mut distances: HashMap<usize, f32> = HashMap::new();
         let wanted: Vec<Option<Run>> = self.file.wanted(levels).collect();
@@ -126,7 +129,7 @@ impl LevelsInMemory {
     /// Its `meta.json` and images are read from `files`, or from the disk if that is `None`.
     ///
     /// # Errors
-    /// Those of [`StreamedSog::read`].
+    /// Those of [`LodFile3d::read`].
     ///
     /// # Panics
     /// If the file has no such chunk.
@@ -157,10 +160,10 @@ impl LevelsInMemory {
 
     /// Reads from the disk the chunks that are missing for a level of each cell, and returns the scene.
     ///
-    /// It has the Gaussians of [`StreamedSog::read`] in the same order.
+    /// It has the Gaussians of [`LodFile3d::read`] in the same order.
     ///
     /// # Errors
-    /// Those of [`StreamedSog::read`].
+    /// Those of [`LodFile3d::read`].
     ///
     /// # Panics
     /// Those of [`missing`](Self::missing).
@@ -172,7 +175,7 @@ impl LevelsInMemory {
     /// Reads as [`read`](Self::read) does, and returns what is drawn [at a time](Self::shown_at).
     ///
     /// # Errors
-    /// Those of [`StreamedSog::read`].
+    /// Those of [`LodFile3d::read`].
     ///
     /// # Panics
     /// Those of [`missing`](Self::missing).
@@ -187,7 +190,7 @@ impl LevelsInMemory {
 
     /// Returns what can be shown in place of a level of each cell, with the environment.
     ///
-    /// If all levels are in memory, these are the Gaussians of [`StreamedSog::read`] in the same order. In place of a
+    /// If all levels are in memory, these are the Gaussians of [`LodFile3d::read`] in the same order. In place of a
     /// level that is not in memory comes the next coarser one that is, or else the next finer one, so there may be more
     /// Gaussians than in the requested levels. If there is no room for all other levels, those that were wanted longest
     /// ago leave the memory.
@@ -226,7 +229,7 @@ impl LevelsInMemory {
         let mut shown: Vec<(Run, f32)> = shown.into_iter().filter_map(run).collect();
         shown.sort_unstable_by_key(|(run, _)| (run.file, run.offset));
         self.make_room();
-        let parts = shown.iter().filter_map(|(run, share)| Some(faded(&self.parts.get(run)?.scene, *share)));
+        let parts = shown.iter().filter_map(|(run, share)| Some(faded(self.part(run)?, *share)));
         parts.chain(self.environment.as_ref().map(Cow::Borrowed)).collect()
     }
 
@@ -238,10 +241,18 @@ impl LevelsInMemory {
     /// The level of a cell that is shown for this one: itself, the next coarser one in memory, or the next finer one.
     fn in_place(&self, cell: usize, level: usize) -> Option<usize> {
         let runs = &self.file.cells[cell];
-        let is_there = |level: &usize| runs[*level].is_some_and(|run| self.parts.contains_key(&run));
+        let is_there = |level: &usize| runs[*level].is_some_and(|run| self.part(&run).is_some());
         // A cell without Gaussians in its level shows none.
         runs[level]?;
         (level..runs.len()).find(is_there).or_else(|| (0..level).rev().find(is_there))
+    }
+
+    /// The Gaussians of a run, if they are in memory.
+    fn part(&self, run: &Run) -> Option<&Scene3d> {
+        match &self.file.in_memory {
+            Some(all) => all.parts.get(run.file),
+            None => self.parts.get(run).map(|part| &part.scene),
+        }
     }
 
     /// What the chunks so far were trained with.

@@ -83,8 +83,8 @@ impl From<&Bound> for Bounds {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(in crate::scene3d) struct Run {
     /// The index of the chunk.
-    pub(super) file: usize,
-    pub(super) offset: usize,
+    pub(in crate::scene3d) file: usize,
+    pub(in crate::scene3d) offset: usize,
     pub(in crate::scene3d) count: usize,
 }
 

@@ -17,22 +17,24 @@ mod levels;
 mod meta;
 #[cfg(feature = "write")]
 mod plan;
-mod transition;
 #[cfg(feature = "write")]
 mod tiles;
+mod transition;
 #[cfg(feature = "write")]
 mod write;
 
 use std::{
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use gs_core::{LodNode, Scene, Scene3d};
 
 pub use self::levels::LevelsInMemory;
+use self::meta::LodMeta;
+pub(super) use self::meta::Run;
 pub(super) use self::meta::stays_inside;
-use self::meta::{LodMeta, Run};
 #[cfg(feature = "write")]
 pub(super) use self::plan::{CELL, Plan};
 #[cfg(feature = "write")]
@@ -40,7 +42,7 @@ pub use self::write::write_levels_of_parts_3d;
 #[cfg(feature = "write")]
 pub(super) use self::write::{write, writes_levels};
 use super::{
-    ConversionLoss, File3d, Format3d, TrainedWith, checked,
+    ConversionLoss, File3d, Format3d, TrainedWith, checked, format_3d,
     source::{FilesInMemory, Source},
     whole::decode_3d_with,
 };
@@ -51,9 +53,15 @@ pub(super) const META: &str = "lod-meta.json";
 
 pub(super) const WHAT: &str = "a streamed SOG";
 
-/// A streamed SOG, of which any level of any cell can be read.
+/// Most levels of a scene that gs makes; each has half the Gaussians of the one before.
+pub(super) const LEVELS: usize = 7;
+
+/// A file with levels of detail, of which any level of any cell can be read.
+///
+/// Of a streamed SOG, chunks are read when a level in them is. A RAD with a tree is in memory as a whole, with about
+/// twice the Gaussians of its finest level.
 #[derive(Debug, Clone)]
-pub struct StreamedSog {
+pub struct LodFile3d {
     path: PathBuf,
     bytes: u64,
     chunks: Vec<Chunk>,
@@ -61,6 +69,16 @@ pub struct StreamedSog {
     /// The run of each cell in each level, in the order of the tree; `None` where it has no Gaussians.
     cells: Vec<Vec<Option<Run>>>,
     tree: LodNode,
+    in_memory: Option<Arc<InMemory>>,
+}
+
+/// All levels of a file.
+#[derive(Debug)]
+pub(super) struct InMemory {
+    /// The file without its Gaussians.
+    pub(super) file: File3d,
+    /// The Gaussians of each run, by its `file`.
+    pub(super) parts: Vec<Scene3d>,
 }
 
 /// A SOG with runs of cells.
@@ -71,17 +89,21 @@ struct Chunk {
     gaussians: usize,
 }
 
-impl StreamedSog {
-    /// Reads and checks a `lod-meta.json`, but none of the chunks.
+impl LodFile3d {
+    /// Opens a `lod-meta.json`, or a RAD with a tree, and checks it; `None` for a scene without levels of detail. Of a
+    /// streamed SOG, reads none of the chunks.
     ///
     /// # Errors
-    /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for another file,
+    /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; those of [`read_3d`](crate::read_3d) for a RAD;
+    /// [`Error::Damaged`] for
     /// a tree with a missing child, bounds that are not finite or do not contain those of a child, counts
     /// that disagree, and chunks outside of its folder;
     /// [`Error::Unusable`] for a later version.
-    pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
+    pub fn open(path: impl AsRef<Path>) -> Result<Option<Self>, Error> {
         let path = path.as_ref();
-        Self::decode(&read_file(path, WHAT)?, path)
+        let Some(row) = format_3d(path)?.map(Format3d::row) else { return Ok(None) };
+        let Some(levels) = row.levels else { return Ok(None) };
+        levels(&Source { path, what: row.what, bytes: &read_file(path, row.what)?, beside: None })
     }
 
     /// Checks the bytes of a `lod-meta.json`. Paths of chunks begin with the folder of `path`.
@@ -105,7 +127,14 @@ impl StreamedSog {
             environment: meta.environment.map(|name| folder.join(name)),
             cells,
             tree,
+            in_memory: None,
         })
+    }
+
+    /// A file whose levels are all in memory.
+    pub(super) fn in_memory(path: &Path, cells: Vec<Vec<Option<Run>>>, tree: LodNode, all: Arc<InMemory>) -> Self {
+        let (path, chunks) = (path.to_owned(), Vec::new());
+        Self { path, bytes: all.file.bytes, chunks, environment: None, cells, tree, in_memory: Some(all) }
     }
 
     /// The bounds of the cells, and the number of Gaussians and the error of each level.
@@ -134,6 +163,11 @@ impl StreamedSog {
 
     fn read_unchecked(&self, levels: &[usize]) -> Result<File3d, Error> {
         let wanted = self.runs(levels);
+        if let Some(InMemory { file, parts }) = self.in_memory.as_deref() {
+            let mut file = file.clone();
+            wanted.iter().for_each(|run| file.scene.append(parts[run.file].clone()));
+            return Ok(file);
+        }
         let mut whole = File3d::of(Format3d::StreamedSog, Scene3d::default());
         whole.bytes = self.bytes;
         let mut trained_with: Option<TrainedWith> = None;

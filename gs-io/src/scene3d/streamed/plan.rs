@@ -5,6 +5,7 @@ use std::{ops::Range, path::Path};
 use gs_core::Bounds;
 
 use super::{
+    LEVELS,
     layout::Layout,
     meta::{LodMeta, Node, Run, VERSION, WORLD},
 };
@@ -13,14 +14,11 @@ use crate::{
     scene3d::{Encoded3d, Format3d, options::ToWrite, sog},
 };
 
-/// Most Gaussians of a cell. Smaller cells fit a view better, but more merges stop at their borders.
-pub(in crate::scene3d) const CELL: usize = 1 << 13;
-
-/// Most levels of a scene; each has half the Gaussians of the one before.
-pub(super) const LEVELS: usize = 7;
-
 /// Gaussians of a chunk above which no further cell is added.
 const CHUNK: usize = 1 << 18;
+
+/// Most Gaussians of a cell. Smaller cells fit a view better, but more merges stop at their borders.
+pub(in crate::scene3d) const CELL: usize = 1 << 13;
 
 /// A cell of the tree.
 #[derive(Debug)]

@@ -21,9 +21,10 @@ use gs_core::{Bounds, LodNode};
 use serde_json::{Value, json};
 
 use super::{
+    LEVELS,
     layout::Layout,
     meta::{Node, Run},
-    plan::{CELL, Cell, LEVELS, Plan},
+    plan::{CELL, Cell, Plan},
 };
 use crate::{
     WorldFrame,

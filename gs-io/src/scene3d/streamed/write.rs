@@ -2,7 +2,7 @@
 
 use std::{borrow::Cow, collections::BTreeSet, fs, io, path::Path};
 
-use gs_core::{Bounds, Gaussian3d, Scene, Scene3d};
+use gs_core::{Bounds, Scene, Scene3d};
 use gs_density::Level;
 use rayon::prelude::*;
 
@@ -209,7 +209,7 @@ fn levels(scene: &Scene3d, members: &[u32], cell: &Cell) -> Vec<Level> {
 /// and errors.
 fn leaf(cell: &Cell, levels: &[Level]) -> Node {
     let gaussians = levels.iter().flat_map(|level| (0..level.scene.len()).map(|i| level.scene.gaussian(i)));
-    let bounds = gaussians.map(|gaussian| extent(&gaussian)).fold(Bounds::EMPTY, Bounds::union);
+    let bounds = gaussians.map(|gaussian| Bounds::of(&gaussian)).fold(Bounds::EMPTY, Bounds::union);
     let lods = cell.runs.iter().enumerate().map(|(level, run)| (level.to_string(), *run));
     let mut largest = 0.0;
     let errors = levels.iter().map(|level| {
@@ -217,14 +217,4 @@ fn leaf(cell: &Cell, levels: &[Level]) -> Node {
         largest
     });
     Node { bound: bounds.into(), children: None, lods: Some(lods.collect()), errors: Some(errors.collect()) }
-}
-
-/// The box around a Gaussian's ellipsoid of one standard deviation.
-fn extent(gaussian: &Gaussian3d) -> Bounds {
-    let covariance = gaussian.covariance().unwrap_or_default();
-    // The squares of large scales are infinite, and bounds are finite.
-    let root = |variance: f32| if variance.is_finite() { variance.sqrt() } else { f32::MAX };
-    let reach = glam::Vec3::new(covariance.x_axis.x, covariance.y_axis.y, covariance.z_axis.z).map(root);
-    let finite = |corner: glam::Vec3| corner.clamp(glam::Vec3::MIN, glam::Vec3::MAX);
-    Bounds { min: finite(gaussian.mean - reach), max: finite(gaussian.mean + reach) }
 }

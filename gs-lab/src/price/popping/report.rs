@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene3d};
-use gs_io::{StreamedSog, png_bytes};
+use gs_io::{LodFile3d, png_bytes};
 use gs_train::Error;
 
 use super::{
@@ -53,7 +53,7 @@ pub fn popping_prices<R: Optimizer<Scene3d>>(
 /// [`gs_core::Error::Setting`] where the flight or the budget is not possible; those of the backend, and of reading.
 pub fn popping_prices_of_levels<R: Optimizer<Scene3d>>(
     on: &R,
-    (file, budget): (&StreamedSog, usize),
+    (file, budget): (&LodFile3d, usize),
     flight: &SlowOrbit,
     first: &Camera,
     render: &RenderSettings,

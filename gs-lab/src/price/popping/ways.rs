@@ -1,7 +1,7 @@
 //! The two ways of drawing a scene that a flight compares.
 
 use gs_core::{Camera, Image, LodNode, Optimizer, RenderSettings, Scene3d, effects::Order};
-use gs_io::{LevelsInMemory, StreamedSog};
+use gs_io::{LevelsInMemory, LodFile3d};
 use gs_train::Error;
 
 use crate::price::{Loaded, Renderer as _};
@@ -56,7 +56,7 @@ pub(crate) struct Levels<'r, R: Optimizer<Scene3d>> {
 }
 
 impl<'r, R: Optimizer<Scene3d>> Levels<'r, R> {
-    pub(crate) fn new(rasterizer: &'r R, file: &StreamedSog, budget: usize, render: RenderSettings) -> Self {
+    pub(crate) fn new(rasterizer: &'r R, file: &LodFile3d, budget: usize, render: RenderSettings) -> Self {
         let levels = [(), ()].map(|()| LevelsInMemory::of(file.clone(), ROOM));
         Self { rasterizer, render, levels, budget, drawn: None }
     }
