@@ -58,7 +58,9 @@ fn only_scenes_with_levels_of_detail_take_a_budget() {
     let place = folder();
     let (_, scene) = dataset_and_scene(place.path());
     let [city, rad] = ["city/lod-meta.json", "city.rad"].map(|name| place.path().join(name));
-    [&city, &rad].map(|levels| gs(["convert", text(&scene), text(levels)]).done());
+    for levels in [&city, &rad] {
+        gs(["convert", text(&scene), text(levels)]).done();
+    }
     for scene in [&city, city.parent().unwrap(), &rad] {
         let run = view(&[text(scene), "--max-gaussians", "5", "--backend", "cpu"]);
         assert!(run.status == Some(1) && run.refusal().contains("no display"), "{run:?}");

@@ -14,6 +14,9 @@ use super::{
 };
 use crate::error::Error;
 
+/// Opens the levels of detail of a file; `None` for one without them.
+type OpenLevels = fn(&Source<'_>) -> Result<Option<LodFile3d>, Error>;
+
 /// What writes a format.
 type Encode = fn(&ToWrite<'_>) -> Result<Encoded3d, Error>;
 
@@ -35,7 +38,7 @@ pub(super) struct Row {
     recognises: fn(&[u8], &Path) -> bool,
     pub(super) read: fn(&Source<'_>, Format3d) -> Result<File3d, Error>,
     /// Opens the levels of detail of a file, if it has some.
-    pub(super) levels: Option<fn(&Source<'_>) -> Result<Option<LodFile3d>, Error>>,
+    pub(super) levels: Option<OpenLevels>,
     pub(super) encode: Encode,
     /// The further files that writing a scene of an SH degree to a path makes.
     pub(super) beside: fn(&Path, u8) -> Vec<PathBuf>,

@@ -202,7 +202,7 @@ mod tests {
     fn info(scene: Scene3d) -> Info {
         let file = File3d {
             scene,
-            format: Format3d::Ply,
+            format: gs_io::Format3d::Ply,
             bytes: 300,
             beside: Vec::new(),
             losses: Vec::new(),
