@@ -94,7 +94,7 @@ fn levels_in_memory_are_those_of_the_file_and_only_what_is_missing_is_read() {
 #[test]
 fn levels_that_a_camera_sees_fade_and_end_as_they_are_read() {
     let (_place, path, _) = written(9000);
-    let streamed = StreamedSog::open(&path).unwrap();
+    let streamed = opened(&path);
     let read = |levels: &[usize]| streamed.read(levels).unwrap().scene;
     let lens = Camera::looking_forward(400, 300, 1.0);
     let above = lens.looking_at(Vec3::new(20.0, -60.0, 20.0), Vec3::new(20.0, 0.0, 20.1), Vec3::Z).unwrap();
