@@ -18,6 +18,9 @@ pub(super) const VERSION: u64 = 1;
 /// The unit of errors that are distances in the world.
 pub(super) const WORLD: &str = "world";
 
+/// Most levels of a scene that gs makes; each has half the Gaussians of the one before.
+pub(in crate::scene3d) const LEVELS: usize = 7;
+
 /// Most levels: far more than any scene has.
 const MAX_LEVELS: usize = 64;
 

@@ -34,7 +34,7 @@ use gs_core::{LodNode, Scene, Scene3d};
 pub use self::levels::LevelsInMemory;
 use self::meta::LodMeta;
 pub(super) use self::meta::Run;
-pub(super) use self::meta::stays_inside;
+pub(super) use self::meta::{LEVELS, stays_inside};
 #[cfg(feature = "write")]
 pub(super) use self::plan::{CELL, Plan};
 #[cfg(feature = "write")]
@@ -52,9 +52,6 @@ use crate::{atomic::read_file, error::Error};
 pub(super) const META: &str = "lod-meta.json";
 
 pub(super) const WHAT: &str = "a streamed SOG";
-
-/// Most levels of a scene that gs makes; each has half the Gaussians of the one before.
-pub(super) const LEVELS: usize = 7;
 
 /// A file with levels of detail, of which any level of any cell can be read.
 ///

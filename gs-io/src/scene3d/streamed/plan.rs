@@ -5,9 +5,8 @@ use std::{ops::Range, path::Path};
 use gs_core::Bounds;
 
 use super::{
-    LEVELS,
     layout::Layout,
-    meta::{LodMeta, Node, Run, VERSION, WORLD},
+    meta::{LEVELS, LodMeta, Node, Run, VERSION, WORLD},
 };
 use crate::{
     error::Error,

@@ -21,9 +21,8 @@ use gs_core::{Bounds, LodNode};
 use serde_json::{Value, json};
 
 use super::{
-    LEVELS,
     layout::Layout,
-    meta::{Node, Run},
+    meta::{LEVELS, Node, Run},
     plan::{CELL, Cell, Plan},
 };
 use crate::{
