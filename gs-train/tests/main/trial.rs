@@ -81,6 +81,19 @@ fn runs_that_cannot_tell_keep_their_numbers() {
 }
 
 #[test]
+fn a_start_with_all_the_gaussians_allowed_has_a_trial() {
+    let cpu = rasterizer();
+    // Half of them, for the trial, are no whole number.
+    let full = undecided().with(|s| {
+        (s.gaussians, s.init.random) = (16_001, 16_001);
+        s.exactly = true;
+    });
+    let trainer = begun(&cpu, views(&cpu), full);
+    assert_eq!(trainer.count(), 16_001);
+    assert!(trainer.trial().is_some());
+}
+
+#[test]
 fn a_run_from_a_larger_scene_makes_room_for_it_unless_its_number_was_set() {
     let cpu = rasterizer();
     let begun =

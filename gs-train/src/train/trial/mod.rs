@@ -145,7 +145,8 @@ async fn measured<R: Optimizer<Scene3d>>(
     let (scene, every) = thinned(scene, MOST_AT_START, SH_DEGREE);
     let every = every as u32;
     let trial = TrainSettings {
-        gaussians: (settings.gaussians / every).max(1),
+        // As many as the thinned scene at least, which is rounded up, too.
+        gaussians: settings.gaussians.div_ceil(every),
         // The trial ends before this schedule is at the next size.
         resolution: Resolution::CoarseToFine { from: FACTOR, full_after: 1.0 },
         exposure: Exposure::Off,
