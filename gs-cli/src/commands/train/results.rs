@@ -106,7 +106,7 @@ impl results::Summary for Summary<'_> {
         let drift = self.training.drift().map(|drift| {
             format!(
                 "the scene fits the training views {drift:.1} dB better than the held-out views, so it is overfitted (more than \
-                 {DRIFT_DB} dB): more views or fewer Gaussians (-n) may help; more steps or Gaussians probably will not"
+                 {DRIFT_DB} dB): more views would help most, and fewer Gaussians (-n) may"
             )
         });
         let views = self.training.train_views;
