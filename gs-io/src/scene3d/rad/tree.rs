@@ -39,7 +39,7 @@ impl<'a> Tree<'a> {
             let order = gs_density::spatial_order(&gaussians.means, CELL);
             let (mut next, mut next_left, mut round) = (empty(), Vec::new(), Vec::new());
             // Enough cells for all threads; they need memory until the last of them is done.
-            for batch in Plan::with_cells(CELL, &[left.len()]).cells.chunks(2 * rayon::current_num_threads()) {
+            for batch in Plan::of(&[left.len()]).cells.chunks(2 * rayon::current_num_threads()) {
                 let made: Vec<Vec<Level>> = batch
                     .par_iter()
                     .map(|cell| {

@@ -16,18 +16,8 @@ use crate::{
 /// Gaussians of a chunk above which no further cell is added.
 const CHUNK: usize = 1 << 18;
 
-/// Most Gaussians of a cell. Smaller cells fit a view better, but their description, about 570 bytes each, is read before
-/// the first picture.
+/// Most Gaussians of a cell. Smaller cells fit a view better, but more merges stop at their borders.
 pub(in crate::scene3d) const CELL: usize = 1 << 13;
-
-/// Most Gaussians of a cell of a small scene, which has up to so many cells.
-const SMALL_CELL: usize = 1 << 9;
-const CELLS: usize = 1 << 10;
-
-/// Most Gaussians of a cell of a scene of so many.
-fn cell_of(gaussians: usize) -> usize {
-    (gaussians / CELLS).next_power_of_two().clamp(SMALL_CELL, CELL)
-}
 
 /// A cell of the tree.
 #[derive(Debug)]
@@ -44,8 +34,6 @@ pub(in crate::scene3d) struct Cell {
 /// above them joins them.
 #[derive(Debug)]
 pub(in crate::scene3d) struct Plan {
-    /// Most Gaussians of a cell.
-    pub(super) cell: usize,
     pub(in crate::scene3d) cells: Vec<Cell>,
     /// Names of the chunks, in the order of the files in `lod-meta.json`; those of the finest level begin with `0_`.
     pub(super) chunks: Vec<String>,
@@ -53,13 +41,8 @@ pub(in crate::scene3d) struct Plan {
 
 impl Plan {
     /// `parts` are the numbers of Gaussians of the parts. Those without any have no cells.
-    pub(super) fn of(parts: &[usize]) -> Self {
-        Self::with_cells(cell_of(parts.iter().sum()), parts)
-    }
-
-    /// The same with at most so many Gaussians in a cell.
-    pub(in crate::scene3d) fn with_cells(cell: usize, parts: &[usize]) -> Self {
-        let mut plan = Self { cell, cells: Vec::new(), chunks: Vec::new() };
+    pub(in crate::scene3d) fn of(parts: &[usize]) -> Self {
+        let mut plan = Self { cells: Vec::new(), chunks: Vec::new() };
         let with_some = parts.iter().enumerate().filter(|(_, gaussians)| **gaussians > 0);
         with_some.for_each(|(part, gaussians)| plan.add_cells(part, 0..*gaussians));
         let largest = plan.cells.iter().map(|cell| cell.members.len()).max().unwrap_or(1);
@@ -83,7 +66,7 @@ impl Plan {
     }
 
     fn add_cells(&mut self, part: usize, range: Range<usize>) {
-        match gs_density::halves(&range, self.cell) {
+        match gs_density::halves(&range, CELL) {
             Some(halves) => halves.into_iter().for_each(|half| self.add_cells(part, half)),
             None => self.cells.push(Cell { part, members: range, runs: Vec::new() }),
         }
@@ -105,7 +88,7 @@ impl Plan {
         let count = |level: usize| self.cells.iter().map(|cell| cell.runs[level].count as u64).sum();
         let counts: Vec<u64> = (0..levels).map(count).collect();
         let leaves = &mut leaves.into_iter();
-        let of_part = |cells: &[Cell]| above(0..cells.last().map_or(0, |cell| cell.members.end), self.cell, leaves);
+        let of_part = |cells: &[Cell]| above(0..cells.last().map_or(0, |cell| cell.members.end), leaves);
         let of_parts = self.parts().map(of_part).collect();
         LodMeta {
             version: Some(VERSION),
@@ -141,9 +124,9 @@ impl Layout for Plan {
 }
 
 /// The node of a range, made of the next cells.
-fn above(range: Range<usize>, cell: usize, leaves: &mut impl Iterator<Item = Node>) -> Node {
-    let Some(halves) = gs_density::halves(&range, cell) else { return leaves.next().expect("a node for each cell") };
-    let [left, right] = halves.map(|half| above(half, cell, leaves));
+fn above(range: Range<usize>, leaves: &mut impl Iterator<Item = Node>) -> Node {
+    let Some(halves) = gs_density::halves(&range, CELL) else { return leaves.next().expect("a node for each cell") };
+    let [left, right] = halves.map(|half| above(half, leaves));
     parent(left, right)
 }
 

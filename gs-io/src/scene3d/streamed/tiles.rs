@@ -62,7 +62,7 @@ impl Tileset {
             Error::unsupported(path, format!("a tileset in coordinates of EPSG:{code}"), hint)
         };
         let earth = options.epsg.map(|code| Earth::of(code).ok_or_else(|| unknown(code))).transpose()?;
-        let mut plan = Plan { cell: CELL, cells: Vec::new(), chunks: Vec::new() };
+        let mut plan = Plan { cells: Vec::new(), chunks: Vec::new() };
         let with_some = gaussians.iter().enumerate().filter(|(_, gaussians)| **gaussians > 0);
         let mut roots: Vec<Tile> = with_some.map(|(part, gaussians)| root(&mut plan, part, 0..*gaussians)).collect();
         let root = match roots.len() {

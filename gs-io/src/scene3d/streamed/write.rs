@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{
     layout::Layout,
     meta::Node,
-    plan::{Cell, Plan},
+    plan::{CELL, Cell, Plan},
     tiles::Tileset,
 };
 use crate::{
@@ -179,7 +179,7 @@ fn encode_chunks<E: From<Error>>(
             return Err(Error::write(path, io::Error::other(message)).into());
         }
         UnitRotations::new(&scene, path)?;
-        let order = gs_density::spatial_order(&scene.means, plan.cell);
+        let order = gs_density::spatial_order(&scene.means, CELL);
         for batch in cells.chunks(at_once) {
             let of = |cell: &Cell| levels(&scene, &order[cell.members.clone()], cell);
             let levels: Vec<Vec<Level>> = batch.par_iter().map(of).collect();
